@@ -15,9 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 LOOK_S, MAX_S = 2.0, 15.0
-"""First and longest interval between two checks of the memory, s. The interval grows while freeing has no
-effect.
-"""
+"""First and longest interval between two memory checks, s. The interval grows while freeing has no effect."""
 GROWTH = 1.05
 """Growth factor above which memory is freed. Freeing takes some milliseconds."""
 ARENAS = 2

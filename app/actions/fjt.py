@@ -264,7 +264,7 @@ class FollowJointTrajectory:
 
     async def _await_arrival(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory) -> None:
         """Wait until the arm is within goal_tolerance. This is only needed if goal_tolerance is tighter than
-        the service's own tolerance for the end of a motion.
+        the service's own end-of-motion tolerance.
         """
         deadline_s = self._link.clock.now_s() + min(goal.late_s, ARRIVAL_S)
         while True:

@@ -25,7 +25,7 @@ class Grip:
 
     Attributes:
         width: requested width, m.
-        force: maximum force of the fingers, N. 0 means the gripper's default.
+        force: maximum finger force, N. 0 means the gripper's default.
         speed: maximum speed at which the width changes, m/s. 0 means the gripper's default.
     """
 

@@ -30,7 +30,7 @@ class Rate:
 
     Attributes:
         acceleration, velocity: rad/s² and rad/s of the fastest joint, or m/s² and m/s of the tool's tip.
-        duration_s: if above 0, the duration of the move; the two others are then ignored.
+        duration_s: if above 0, the move duration; the two others are then ignored.
     """
 
     acceleration: float
@@ -58,7 +58,7 @@ async def move_joint(
         v: maximum velocity of the fastest joint, rad/s. Joints with lower limits keep those.
         blend_radius: maximum distance of the TCP from q, m, while the arm blends into the next move. The next
             move must arrive half a second before the arm would slow down for q. 0: stop at q.
-        duration: exact duration of the move, s, up to a day; a and v are then ignored. 0: use a and v.
+        duration: exact move duration, s, up to a day; a and v are then ignored. 0: use a and v.
     """
     target = np.array(q)
     robot.goals.require_joints(target, name="q", limits=robot.settings.envelope.limits)
@@ -82,7 +82,7 @@ async def move_line(
         a: maximum acceleration of the tool's tip, m/s². Lower limits are kept.
         v: maximum velocity of the tool's tip, m/s. Lower limits are kept.
         blend_radius: as in moveJoint, m.
-        duration: exact duration of the move, s, up to a day; a and v are then ignored. 0: use a and v.
+        duration: exact move duration, s, up to a day; a and v are then ignored. 0: use a and v.
     """
     rate = Rate(a, v, blend_radius, duration)
     await _add(robot, origin, "moveLine", PlannerName.LIN, place_of(pose), rate)
@@ -107,7 +107,7 @@ async def move_circle(
         a: maximum acceleration of the tool's tip, m/s². Lower limits are kept.
         v: maximum velocity of the tool's tip, m/s. Lower limits are kept.
         blend_radius: as in moveJoint, m.
-        duration: exact duration of the move, s, up to a day; a and v are then ignored. 0: use a and v.
+        duration: exact move duration, s, up to a day; a and v are then ignored. 0: use a and v.
     """
     via, goal = place_of(via_pose, "via_pose").position, place_of(end_pose, "end_pose")
     rate = Rate(a, v, blend_radius, duration)

@@ -81,7 +81,7 @@ def get_cycletime(robot: Services) -> float:
 
 @service("RobotConfig")
 def get_joint_min_positions(robot: Services) -> list[float]:
-    """The minimum position of each joint.
+    """Each joint's minimum position.
 
     Returns:
         the positions, rad.
@@ -91,7 +91,7 @@ def get_joint_min_positions(robot: Services) -> list[float]:
 
 @service("RobotConfig")
 def get_joint_max_positions(robot: Services) -> list[float]:
-    """The maximum position of each joint.
+    """Each joint's maximum position.
 
     Returns:
         the positions, rad.
@@ -101,7 +101,7 @@ def get_joint_max_positions(robot: Services) -> list[float]:
 
 @service("RobotConfig")
 def get_joint_max_speeds(robot: Services) -> list[float]:
-    """The maximum velocity of each joint.
+    """Each joint's maximum velocity.
 
     Returns:
         the velocities, rad/s.
@@ -111,7 +111,7 @@ def get_joint_max_speeds(robot: Services) -> list[float]:
 
 @service("RobotConfig")
 def get_joint_max_accelerations(robot: Services) -> list[float]:
-    """The maximum acceleration of each joint.
+    """Each joint's maximum acceleration.
 
     Returns:
         the accelerations, rad/s².
@@ -121,7 +121,7 @@ def get_joint_max_accelerations(robot: Services) -> list[float]:
 
 @service("RobotConfig")
 def get_joint_max_torques(robot: Services) -> list[float]:
-    """The maximum torque of each joint.
+    """Each joint's maximum torque.
 
     Returns:
         the torques, N·m.
@@ -153,7 +153,7 @@ def get_tcp_max_accelerations(robot: Services) -> list[float]:
 
 @service("RobotConfig")
 def set_joint_min_positions(robot: Services, positions: list[float]) -> None:
-    """Raise the minimum position of each joint.
+    """Raise each joint's minimum position.
 
     Args:
         positions: minimum positions, rad, one for each joint, not below those of the configuration.
@@ -166,7 +166,7 @@ def set_joint_min_positions(robot: Services, positions: list[float]) -> None:
 
 @service("RobotConfig")
 def set_joint_max_positions(robot: Services, positions: list[float]) -> None:
-    """Lower the maximum position of each joint.
+    """Lower each joint's maximum position.
 
     Args:
         positions: maximum positions, rad, one for each joint, not above those of the configuration.
@@ -179,7 +179,7 @@ def set_joint_max_positions(robot: Services, positions: list[float]) -> None:
 
 @service("RobotConfig")
 def set_joint_max_speeds(robot: Services, speeds: list[float]) -> None:
-    """Lower the maximum velocity of each joint.
+    """Lower each joint's maximum velocity.
 
     Args:
         speeds: rad/s, one for each joint, above 0 and not above those of the configuration.
@@ -190,7 +190,7 @@ def set_joint_max_speeds(robot: Services, speeds: list[float]) -> None:
 
 @service("RobotConfig")
 def set_joint_max_accelerations(robot: Services, accelerations: list[float]) -> None:
-    """Lower the maximum acceleration of each joint.
+    """Lower each joint's maximum acceleration.
 
     Args:
         accelerations: rad/s², one for each joint, above 0 and not above those of the configuration.

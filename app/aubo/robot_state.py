@@ -29,7 +29,7 @@ async def record(robot: Services) -> np.ndarray:
 
 @service("RobotState")
 async def get_joint_positions(robot: Services) -> list[float]:
-    """The angles of the joints, as measured.
+    """The measured joint angles.
 
     Returns:
         the angles, rad, one for each joint.
@@ -49,7 +49,7 @@ async def get_joint_speeds(robot: Services) -> list[float]:
 
 @service("RobotState")
 async def get_joint_torque_sensors(robot: Services) -> list[float]:
-    """The torques of the joints, as measured, gravity included.
+    """The measured joint torques, including gravity.
 
     Returns:
         the torques, N·m, one for each joint.
@@ -69,7 +69,7 @@ async def get_joint_external_torques(robot: Services) -> list[float]:
 
 @service("RobotState")
 async def get_target_joint_positions(robot: Services) -> list[float]:
-    """The commanded angles of the joints.
+    """The commanded joint angles.
 
     Returns:
         the angles, rad, one for each joint.

@@ -27,7 +27,7 @@ from cobot.types import RESTING
 log = logging.getLogger("cobot.jobs")
 
 ENDS_S = 1.0
-"""Maximum time from the end of a motion to the end of its job, s."""
+"""Maximum time between a motion's end and its job's end, s."""
 
 
 class JobService:

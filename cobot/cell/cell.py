@@ -68,7 +68,7 @@ class Hand(CellEntry):
 
     Attributes:
         stroke_m: largest width between the fingers.
-        max_force_n: largest force of each finger.
+        max_force_n: each finger's largest force.
         max_speed_m_s: largest speed of the width.
         mass_kg: mass of the hand with its fingers.
         palm_m: edges of the palm along x, y and z.

@@ -53,7 +53,7 @@ class OwnHand(CellEntry):
     """A hand of two fingers that move together.
 
     Attributes:
-        max_force_n: largest force of each finger.
+        max_force_n: each finger's largest force.
         max_speed_m_s: largest speed of the width.
     """
 

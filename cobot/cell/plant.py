@@ -176,7 +176,7 @@ def check_start(plant: Plant, joints: Array) -> None:
     """Check that nothing overlaps at the start.
 
     Args:
-        joints: joint positions of the arm.
+        joints: the arm's joint positions.
 
     Raises:
         CollisionError: two bodies overlap; the message gives the depth.

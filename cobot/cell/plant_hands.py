@@ -50,7 +50,7 @@ def _body_at_flange(spec: mujoco.MjSpec, robot: RobotModel, tcp: str, name: str)
 
 
 def add_hand(spec: mujoco.MjSpec, robot: RobotModel, hand: Hand, tcp: str) -> list[mujoco.MjsGeom]:
-    """Add the hand to the flange. Returns the shapes of its fingers."""
+    """Add the hand to the flange. Returns its finger shapes."""
     palm = _body_at_flange(spec, robot, tcp, HAND)
     height, (thickness, width, length) = hand.palm_m[2], hand.finger_m
     palm.add_geom(
@@ -117,8 +117,8 @@ def add_own_hand(spec: mujoco.MjSpec, hand: AnyOwnHand) -> list[mujoco.MjsGeom]:
 
 
 def _add_turning_hand(spec: mujoco.MjSpec, hand: TurningHand) -> list[mujoco.MjsGeom]:
-    """Add the joints for turning fingers in the arm's model. Returns the shapes of the fingers. For a single
-    jaw, it also returns the shapes of the link next to the jaw.
+    """Add the joints for turning fingers in the arm's model. Returns the finger shapes. For a single jaw, it
+    also returns the shapes of the link next to the jaw.
     """
     inertia = drive_inertia(hand)
     bodies = [_finger_of_model(spec, joint.body) for joint in hand.joints]

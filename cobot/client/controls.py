@@ -17,7 +17,7 @@ from cobot.ipc.session_rules import check_chunk, check_setpoint
 from cobot.types import LoopMode, vector
 
 REST_S = 5.0
-"""Timeout for stopping the arm at the end of a session, in seconds. A stop takes at most 2.5 s."""
+"""Timeout for stopping the arm when a session ends, s. A stop takes at most 2.5 s."""
 POLL_S = 0.01
 State = TypeVar("State")
 

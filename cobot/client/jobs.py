@@ -11,8 +11,7 @@ from cobot.errors import ExecutionError, MotionTimeout
 
 ENDS = ("finished", "failed", "cancelled", "interrupted")
 POLL_S = 5.0
-"""Maximum time for which one request waits for the end of a job, in seconds. After this time the service
-always answers.
+"""Maximum time for which one request waits for a job to end, s. After this time the service always answers.
 """
 
 

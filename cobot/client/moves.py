@@ -206,7 +206,7 @@ class Moves(Jobs):
         )
 
     def queue(self, motion: Mapping[str, Any], *, blend_radius: float = 0.0) -> JobHandle:
-        """Add a motion to the end of the queue. Returns as soon as the motion is planned.
+        """Append a motion to the queue. Returns as soon as the motion is planned.
 
         Args:
             motion: a body of POST /robot/move/named, joints, pose, arc or sequence, or of /robot/execute.

@@ -1,4 +1,4 @@
-"""The primitives of `Robot.execute_primitive`. They are motions of the service, under the names that robot
+"""The primitives of `Robot.execute_primitive`. They are the service's motions, under the names that robot
 controllers use.
 """
 

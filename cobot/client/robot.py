@@ -45,7 +45,7 @@ STREAMING = {
 
 LATE_S = 0.5
 """Maximum delay of states over the network, in seconds. They may arrive this much later than a REST answer
-that reports the end of a motion.
+that reports that a motion has ended.
 """
 
 
@@ -230,8 +230,8 @@ class Robot(SessionSettings):
         return int(self._state()["mode"]) != LoopMode.ESTOP
 
     def reduced(self) -> bool:
-        """Whether a safety input reduces the speed of the arm. This is always False, because this controller
-        has no such input.
+        """Whether a safety input reduces the arm's speed. This is always False, because this controller has
+        no such input.
         """
         return False
 

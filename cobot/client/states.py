@@ -42,7 +42,7 @@ class RobotInfo:
 
 @dataclass(frozen=True, slots=True)
 class GripperReading:
-    """The last reading of the gripper. A value that the gripper does not know is NaN.
+    """The last gripper reading. A value that the gripper does not know is NaN.
 
     Attributes:
         width, commanded_width: distance between the fingers, m.
@@ -108,7 +108,7 @@ class RobotStates:
     Attributes:
         q, dq: positions, rad, and velocities, rad/s, of the joints.
         theta, dtheta: the same for the motors. They equal q and dq, because the drives count as rigid.
-        tau, tau_des, tau_ext: measured, commanded and external torques of the joints, N·m.
+        tau, tau_des, tau_ext: measured, commanded and external joint torques, N·m.
         tau_dot: change of tau, smoothed over 10 ms, N·m/s.
         tcp_pose, flange_pose: position x, y, z, m, and quaternion w, x, y, z.
         tcp_vel: linear velocity, m/s, and angular velocity, rad/s, of the TCP in the base frame.

@@ -40,7 +40,7 @@ class BundlePosition(StrictModel):
 
 
 class Bundle(StrictModel):
-    """The content of a bundle."""
+    """The bundle content."""
 
     name: Name
     version: Annotated[str, Field(pattern=r"^[A-Za-z0-9._+-]{1,48}$")]
@@ -54,7 +54,7 @@ class Bundle(StrictModel):
 
 
 def read_bundle(content: bytes) -> Bundle:
-    """Read the content of a bundle.
+    """Read the bundle content.
 
     Raises:
         InputError: the content is not a bundle.

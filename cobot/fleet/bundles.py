@@ -93,7 +93,7 @@ class BundlesCell(Protocol):
     source: Path
 
     def fetch_bundle(self, name: str) -> bytes | None:
-        """The content of a bundle; None if the hub does not have it."""
+        """The bundle content; None if the hub does not have it."""
 
 
 class RobotBundles:
@@ -195,7 +195,7 @@ class RobotBundles:
         Raises:
             ConflictError: the bundle is not staged, or a job is running.
             PermissionDenied: see `stage`.
-            CobotError: the service rejects a part of the bundle; the message names the part.
+            CobotError: the service rejects part of the bundle; the message names the part.
         """
         bundle = self._staged.get(name)
         if bundle is None:

@@ -141,7 +141,7 @@ class FleetCell:
                 self._config_ns = changed_ns
 
     def fetch_bundle(self, name: str) -> bytes | None:
-        """The content of a bundle; None if the hub does not have it."""
+        """The bundle content; None if the hub does not have it."""
         import zenoh
 
         if self._session is None:

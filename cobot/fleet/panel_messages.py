@@ -163,7 +163,7 @@ class PanelRequest(StrictModel):
 
 
 class PanelHead(StrictModel):
-    """The header of one piece of an answer.
+    """The header for one piece of an answer.
 
     Attributes:
         code: "ok", or the code of the error that `text` explains.

@@ -18,7 +18,7 @@ from cobot.fleet.asking import ask, headers
 EXIT_OK = 0
 FILE_S = 30.0
 PARTIAL, COMPLETE = 206, 416
-"""HTTP status for the remaining part of a file, and HTTP status if the file is already complete."""
+"""HTTP status for the rest of a file, and HTTP status if the file is already complete."""
 
 
 def pull(chosen: argparse.Namespace) -> int:

@@ -1,5 +1,5 @@
-"""A gripper that one or two outputs of the robot open and close. Up to two inputs report the position of its
-fingers.
+"""A gripper that one or two outputs of the robot open and close. Up to two inputs report its finger
+positions.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ Seconds = Annotated[float, Field(gt=0.0, le=30.0)]
 
 
 class FingerGoal(Enum):
-    """The commanded position of the fingers. NEITHER means that cobot has not commanded one yet."""
+    """The commanded finger position. NEITHER means that cobot has not commanded one yet."""
 
     NEITHER = auto()
     OPEN = auto()

@@ -170,7 +170,7 @@ class Grasp:
             held from inside.
         tolerance_inner, tolerance_outer: how much narrower, and how much wider, the object may be than
             `width`, m.
-        speed, force: speed and force of the fingers; None for the driver's default.
+        speed, force: finger speed and force; None for the driver's default.
     """
 
     width: float | None

@@ -374,7 +374,7 @@ def info_dtype(dof: int) -> np.dtype:
 
 
 def session_dtype(dof: int) -> np.dtype:
-    """A streaming client's settings, fixed for the duration of a session."""
+    """A streaming client's settings, fixed for a session."""
     joints = ("f8", (dof,))
     return np.dtype(
         [

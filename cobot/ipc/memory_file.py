@@ -161,7 +161,7 @@ def _refuse_if_locked(descriptor: int, role: MemoryRole, robot: str) -> None:
 
 
 def lock(descriptor: int, role: MemoryRole, robot: str) -> None:
-    """Take a role until `unlock` or the end of the process.
+    """Take a role until `unlock` is called or the process ends.
 
     Raises:
         ConflictError: a different process has the role; the message gives its pid.

@@ -225,7 +225,7 @@ class RobotMemory:
         except ConflictError as exc:
             raise ConflictError(f"{exc}; stop it, or set another robot.name") from exc
         try:
-            # A full /dev/shm causes an error here and not in the middle of a motion.
+            # A full /dev/shm causes an error here and not during a motion.
             os.posix_fallocate(descriptor, 0, size)
             header = np.zeros((), HEADER)
             header["magic"], header["layout"], header["dof"] = MAGIC, LAYOUT_VERSION, dof
@@ -283,7 +283,8 @@ class RobotMemory:
         return True
 
     def take(self, role: MemoryRole) -> None:
-        """Become the writer of the blocks of an additional role, until `release` or the end of the process.
+        """Become the writer of the blocks of an additional role, until `release` is called or the process
+        ends.
 
         Raises:
             ConflictError: a different process has the role; the message gives its pid.

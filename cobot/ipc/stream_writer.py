@@ -20,7 +20,7 @@ class StreamWriter:
     """Writes the blocks of one session after the other. No call blocks.
 
     Args:
-        memory: memory that is mapped in any role. `MemoryRole.STREAM` is added for the duration of a session.
+        memory: memory that is mapped in any role. `MemoryRole.STREAM` is added during a session.
     """
 
     def __init__(self, memory: RobotMemory) -> None:

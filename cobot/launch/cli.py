@@ -218,7 +218,7 @@ def _running(robots: Sequence[str]) -> list[Settings]:
 
 
 def _become_client(chosen: argparse.Namespace) -> NoReturn:
-    """Replace this process by the program runner or the bridge for agents. Both are ordinary service clients."""
+    """Replace this process by the program runner or the agents' bridge. Both are ordinary service clients."""
     url = options.url_of(chosen)
     if chosen.command == "lua":
         url = address(url, chosen.robot) if chosen.robot else url

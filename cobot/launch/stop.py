@@ -26,7 +26,7 @@ from cobot.types import RESTING, LoopMode
 REST_S = 5.0
 """Timeout for the arm to stop, in seconds. A stop takes up to about 2.5 s."""
 STALE_S = 0.25
-"""Age above which a state no longer shows the current position of the arm, in seconds."""
+"""Age above which a state no longer shows the arm's current position, s."""
 POLL_S = 0.005
 FOLLOWED_S = 0.25
 """Maximum time to wait until the service follows a stop, in seconds. The service sends a heartbeat every 0.05

@@ -29,7 +29,7 @@ class RotatingFile:
         self._torn = False
 
     def append(self, piece: bytes) -> None:
-        """Write a piece at the end of the file.
+        """Append a piece to the file.
 
         Raises:
             OSError: the piece was written in part or not at all. The next piece then starts on a new line.

@@ -1,7 +1,7 @@
 """Limits for the motions of unattended programs: a space for the TCP, and a maximum speed.
 
 The service checks the whole motion before it begins. In each cycle, rtloop checks the current and the next
-position of the TCP.
+TCP position.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Fence:
 
     Attributes:
         low, high: corners of the box, shape (3,), m.
-        speed_m_s: maximum speed of the TCP.
+        speed_m_s: maximum TCP speed.
     """
 
     low: tuple[float, float, float]

@@ -27,7 +27,7 @@ class WaysOut:
     """Advice in error messages about timed points, in the words of the client's interface.
 
     Attributes:
-        start: advice if the points do not begin at the position of the arm.
+        start: advice if the points do not begin at the arm's position.
         rates: advice if the points are too fast and the client can request a slower motion.
         time: advice if the motion takes longer than the client permits; `{late_s}` is the excess, s.
     """
@@ -54,7 +54,7 @@ def check_first(
     """Check the first point before the other points are read; see `WaypointRequest`.
 
     Raises:
-        InputError: the first point is at time 0 but is not the current position of the arm.
+        InputError: the first point is at time 0 but is not the arm's current position.
         LimitError: the point is beyond the position limits.
     """
     (label,) = labels_of([point], limits.dof)

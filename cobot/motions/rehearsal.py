@@ -1,4 +1,4 @@
-"""Data about the dry run of a planned motion on a simulated robot, from planning processes."""
+"""Data about the dry run of a planned motion on a simulated copy of the robot, from planning processes."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ class MotionRequest:
         arc: definition of the arc, which replaces `via`. If it gives an angle, the goal is ignored.
         through: poses on the way to the goal.
         radius_m: blend radius at these poses; 0 means that the TCP stops there.
-        tcp_speed: maximum speed of the TCP.
+        tcp_speed: maximum TCP speed.
         constraints: path constraints; None means that only the limits apply.
         free_axes: axes of the TCP about which its rotation is free: none, one or all three.
         cyclic: whether a closed path of the TCP ends at the joint angles at which it began. With None, full
@@ -150,7 +150,7 @@ class WaypointRequest:
     """A motion through timed points.
 
     Attributes:
-        start: joint positions of the arm, shape (dof,), rad.
+        start: the arm's joint positions, shape (dof,), rad.
         points: the timed points.
         start_tolerance_rad: maximum distance between `start` and a first point at time 0, rad.
         check_limits: whether the position, velocity, acceleration and jerk limits are checked. Collisions are

@@ -40,7 +40,7 @@ class TcpWay:
     """The path of the TCP along a trajectory.
 
     Attributes:
-        duration_s: duration of the trajectory.
+        duration_s: trajectory duration.
     """
 
     def __init__(self, trajectory: Trajectory, chain: Chain) -> None:

@@ -31,7 +31,7 @@ def describe(robot: RobotDescription, trajectory: Trajectory | None, start: Arra
 
     Args:
         trajectory: the motion; None if the arm is already at the goal.
-        start: joint positions of the arm, shape (dof,), rad.
+        start: the arm's joint positions, shape (dof,), rad.
         samples: number of points of the path, evenly spaced in time, with both ends.
     """
     if trajectory is None:

@@ -197,7 +197,7 @@ def reference_motion(first, second, jerk, speed, double length, tuple bounds):
         first, second: first and second derivative of each coordinate by s, as shares of its acceleration
             limit, at equal steps of the path, shape (points, m).
         jerk: `first` as shares of the jerk limits, shape (points, m).
-        speed: the largest speed of the path, shape (points,).
+        speed: the largest path speed, shape (points,).
         bounds: the minimum and maximum number of cells, and the number of cells in the time in which the
             acceleration builds up.
     """

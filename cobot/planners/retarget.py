@@ -231,7 +231,7 @@ def _possible_shares(slowing: Trajectory, following: Trajectory, limits: JointLi
 
 
 def _tcp_speed(robot: RobotDescription, motion: Trajectory) -> float:
-    """The largest speed of the TCP, m/s."""
+    """The largest TCP speed, m/s."""
     times_s = np.linspace(0.0, motion.duration_s, max(int(motion.duration_s / LOOK_S), 1) + 1)
     places = pieces_at(motion.breakpoints_s, motion.coefficients, times_s)
     twists = robot.model.chain.twists(places[0], places[1])

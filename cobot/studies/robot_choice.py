@@ -163,7 +163,7 @@ class RobotChoice(StrictModel):
 
 
 def hashes_of(robot: RobotDescription) -> dict[str, str]:
-    """Hashes of the content of a robot, by names for people. The paths of its files do not matter."""
+    """Hashes of a robot's content, by names for people. The paths of its files do not matter."""
     limits = robot.limits
     rates = (limits.max_velocity, limits.max_acceleration, limits.max_jerk, limits.max_effort)
     ranges = (limits.min_position, limits.max_position)
@@ -186,7 +186,7 @@ def _compiled(mj: mujoco.MjModel) -> bytes:
 
 
 def hash_of_file(path: Path) -> str:
-    """Hash of the content of a file.
+    """Hash of a file's content.
 
     Raises:
         ConfigError: the file cannot be read.

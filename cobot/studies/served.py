@@ -43,7 +43,7 @@ code.
 OF_THE_ROBOT = ("objects", "tool")
 """Keys that `robot` may contain in a request."""
 COPIES = ("scene", "tool_file", "positions")
-"""Files of the service whose content becomes part of a study, by their keys in `robot`."""
+"""Files from the service whose content becomes part of a study, by their keys in `robot`."""
 MAX_POINTS = 20_000
 """Maximum number of places in a map that the service shows."""
 REPORT_S = 0.5
@@ -93,7 +93,7 @@ def main() -> int:
     die_with_parent(signal.SIGKILL)
     if os.getppid() != request.parent:
         return 1  # the parent died before the call above
-    # Runs with a higher priority, because a client waits for the check of its study.
+    # Runs with a higher priority, because a client waits for its study to be checked.
     set_niceness(Niceness(min(request.niceness, Niceness.BACKGROUND)), session=True)
     cancel = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: cancel.set())

@@ -216,8 +216,8 @@ cdef class CartesianSource(Source):
         return False
 
     cdef void c_find_fastest(self, double interval_s, double* fastest) noexcept nogil:
-        """The maximum speed of the TCP, m/s and rad/s: the smaller one of the specification's limit and that
-        from the joints' velocity limits. The latter includes slack for jitter of the client.
+        """The maximum TCP speed, m/s and rad/s: the smaller one of the specification's limit and that from
+        the joints' velocity limits. The latter includes slack for jitter of the client.
         """
         cdef double slack = 1.0 + SLACK_S / c_clamped_interval(interval_s)
         cdef double reach[TASK]

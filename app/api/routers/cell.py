@@ -32,7 +32,7 @@ class MeshAnswer(BaseModel):
 
 
 class PartAnswer(BaseModel):
-    """A loose part of the cell."""
+    """One of the cell's loose parts."""
 
     name: str = Field(description="Name from the cell file.")
     shape: str = Field(description="box, cylinder, sphere or mesh.")

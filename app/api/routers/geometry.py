@@ -1,4 +1,4 @@
-"""The shape of the robot, for clients that draw it."""
+"""The robot's shape, for clients that draw it."""
 
 from __future__ import annotations
 

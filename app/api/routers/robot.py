@@ -1,4 +1,4 @@
-"""State and motion of the arm."""
+"""The arm's state and motion."""
 
 from __future__ import annotations
 

@@ -71,7 +71,8 @@ class Event:
     """An event in the form in which it is sent.
 
     Attributes:
-        number: consecutive number, from 1 at each start of the service; None for an event outside the ring.
+        number: consecutive number, starting at 1 each time the service starts; None for an event outside the
+            ring.
         robot: robot name; "" for an event about all robots.
         text: the whole event as JSON.
     """

@@ -15,9 +15,7 @@ from cobot.motions.gripper_bodies import AnyGripperCommand, GripperGrasp, Grippe
 from cobot.reasons import Reason, ReasonCode
 
 ARRIVED_M = 0.003
-"""Tolerances of the width at the end of a move: a distance, m, and a share of the stroke. The larger one
-applies.
-"""
+"""Width tolerances at the end of a move: a distance, m, and a share of the stroke. The larger one applies."""
 ARRIVED_SHARE = 0.03
 
 

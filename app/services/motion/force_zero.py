@@ -29,7 +29,7 @@ class Zero:
     """
     Attributes:
         wrench: wrench at the TCP in the base frame, shape (6,), N and N·m.
-        torques: external torques of the joints, shape (dof,), N·m.
+        torques: external joint torques, shape (dof,), N·m.
         tool: version of the tool that the arm carried during the measurement.
     """
 

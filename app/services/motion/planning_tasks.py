@@ -76,7 +76,7 @@ def plan_rated(robot: RobotDescription, move: RatedMove) -> Leg | None:
 
 
 def leg(robot: RobotDescription, request: LegRequest, envelope: Envelope) -> Leg | None:
-    """Plan a motion of the queue: see `plan_rated`, or `cobot.planners.plan` within these limits."""
+    """Plan a queued motion: see `plan_rated`, or `cobot.planners.plan` within these limits."""
     if isinstance(request, RatedMove):
         return plan_rated(robot, request)
     from cobot.planners import plan

@@ -307,7 +307,7 @@ class Ownership:
         return self.interrupt((reason or StopReason(BY_STOP)).error)
 
     def cancel(self, job: Job, cause: MotionStopped) -> None:
-        """Interrupt the motion of this job. Does nothing if the motion has ended or is ending."""
+        """Interrupt this job's motion. Does nothing if the motion has ended or is ending."""
         if self._claim is not None and self._claim.job is job:
             self.interrupt(cause)
 

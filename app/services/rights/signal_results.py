@@ -14,7 +14,7 @@ class ActionOutcome:
         does: description of the action.
         at: description of the action's place.
         planned_s: path time at which the action was planned to fire, s.
-        fired: whether the action has fired; None if the service has not seen the end of the motion.
+        fired: whether the action has fired; None if the service has not seen the motion end.
         path_time_s, robot_time_s: path time and robot time of the cycle in which the action fired, s.
         position: TCP position in the base frame, measured in this cycle, m.
         problem: reason why the action had no effect; "" if it had an effect or has not fired.

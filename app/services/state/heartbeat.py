@@ -68,7 +68,7 @@ class Heartbeat:
             await asyncio.sleep(HEARTBEAT_S)
 
     def watch_for_pauses(self) -> None:
-        """Begin to watch for pauses. The start of the service, which may take long, does not count as one."""
+        """Begin to watch for pauses. The service's start, which may take long, does not count as one."""
         self._beaten_s = self._clock.now_s()
 
     def _note_pause(self) -> None:

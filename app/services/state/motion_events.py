@@ -1,4 +1,4 @@
-"""Publishes events for the beginning and the end of each motion."""
+"""Publishes events for each motion's start and end."""
 
 from __future__ import annotations
 

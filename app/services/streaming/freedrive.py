@@ -1,10 +1,9 @@
 """Freedrive: the arm moves where a hand pushes it, and stays where it is released.
 
 Freedrive is a streaming session with soft springs, so that the arm yields at once. This module makes the
-session's targets follow the hand (admittance control): the part of the external torque on a joint above a
-threshold is converted to a velocity of this joint, as with a damper. The closer the measured arm is to a
-joint limit or an obstacle, the smaller the velocity, as in a jog (`jog_limits`). A joint that is pushed
-further resists.
+session's targets follow the hand (admittance control): a joint's external torque above a threshold is
+converted to a velocity of this joint, as with a damper. The closer the measured arm is to a joint limit or an
+obstacle, the smaller the velocity, as in a jog (`jog_limits`). A joint that is pushed further resists.
 
 If a device can release its arm itself, the device also controls the motion. Then there are no targets, and
 the arm does not slow down before a limit or an obstacle.
@@ -46,7 +45,7 @@ but unstable against hard objects. It must be longer than `SMOOTHING_S` and the 
 SMOOTHING_S = 0.1
 """Time constant with which the velocity follows the hand, s."""
 TOUCH_SHARE = 0.005
-"""Threshold of the external torque of a joint, as a share of its effort limit. Smaller values are ignored,
+"""Threshold for a joint's external torque, as a share of its effort limit. Smaller values are ignored,
 because estimates are not exact.
 """
 PUSHED_SHARE = 0.02

@@ -163,8 +163,7 @@ class StreamService:
     def info(self) -> np.ndarray:
         """The last robot description from rtloop. The flange-to-TCP transform in it changes with the tool.
 
-        It consists of zeros until rtloop has written a description, which may be after the start of the
-        service.
+        It consists of zeros until rtloop has written a description, which may be after the service starts.
         """
         block = self._link.memory.info
         if (sequence := block.sequence) != self._info_sequence:
@@ -309,7 +308,7 @@ class StreamService:
             audit.note("session ended", session=session.number, reason=reason)
 
     async def _end(self, session: StreamSession, claim: Claim) -> str:
-        """Wait for the end of the session, and return the reason."""
+        """Wait for the session to end, and return the reason."""
         while True:
             try:
                 state = await self._link.await_fresh_state(STATE_TIMEOUT_S)

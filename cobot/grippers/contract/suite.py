@@ -1,4 +1,4 @@
-"""All checks of a gripper, and their results.
+"""All gripper checks and their results.
 
 They run on a simulated device, which the driver class creates with `contract_rig(options)`. The device uses a
 simulated clock instead of waiting, and never moves real fingers.

@@ -139,7 +139,7 @@ class Slave:
         self._buffer = b""
 
     def feed(self, data: bytes) -> bytes:
-        """The device's answer to these bytes, which may be a part of a request or contain several requests."""
+        """The device's answer to these bytes, which may be part of a request or contain several requests."""
         self._buffer = (self._buffer + data)[-512:]
         answers = b""
         while frame := self._next():

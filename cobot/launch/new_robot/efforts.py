@@ -49,8 +49,8 @@ def report_holding(holding: Holding, assumed: bool) -> list[str]:
 
 
 def payload_left(robot: RobotModel, collision: CollisionChecker) -> tuple[float, str]:
-    """The value of `robot.max_payload_kg`, and a sentence that explains it. It is at most the mass of the
-    arm, because larger efforts in a file are only placeholders.
+    """The value of `robot.max_payload_kg`, and a sentence that explains it. It is at most the arm's mass,
+    because larger efforts in a file are only placeholders.
     """
     moving = float(robot.mj.body_mass[robot.mj.body_weldid != 0].sum())
     found, hold = payload(robot, collision, robot.limits)

@@ -160,7 +160,7 @@ class Linkage:
         return ends if isinstance(ends, str) else (groups, ends)
 
     def _cut_ends(self, sides: Sequence[str], bodies: Sequence[Sequence[int]]) -> list[list[int]]:
-        """Add the ends of both fingers as shapes. Returns the shapes of each finger."""
+        """Add the ends of both fingers as shapes. Returns each finger's shapes."""
         fingers = [body for each in bodies[: len(sides)] for body in each]
         out, corners = self._pointing_direction(sides), self._corners(self._shapes(fingers))
         far, near = float((corners @ out).max()), float(self._middle(sides) @ out)

@@ -222,7 +222,7 @@ def _bodies(mj: mujoco.MjModel, name: str) -> Iterator[int]:
 
 
 def _corners(mj: mujoco.MjModel, data: mujoco.MjData, name: str) -> Array:
-    """The corners of the boxes around the shapes of a finger, shape (n, 3)."""
+    """The corners of the boxes around a finger's shapes, shape (n, 3)."""
     bodies = set(_bodies(mj, name))
     found = []
     for geom in range(mj.ngeom):

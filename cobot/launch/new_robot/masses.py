@@ -42,7 +42,7 @@ class Wishes:
     Attributes:
         density: density of links without an inertial, kg/m³. None means `DENSITY_KG_M3`, or for MJCF the
             densities in the file.
-        masses: mass of each link, by its name, kg.
+        masses: each link's mass by name, kg.
     """
 
     density: float | None = None

@@ -20,7 +20,7 @@ MAX_BYTES = 300_000_000
 MAX_TRIANGLES = 2_000_000
 MAX_LOOK_TRIANGLES = 500_000
 MIN_TRIANGLES = 12
-"""Minimum number of triangles in a simplified part of a mesh: the number of triangles in a box."""
+"""Minimum number of triangles in a simplified mesh part: the number of triangles in a box."""
 EDGE_RAD = 0.5
 """Angle between two triangles above which a simplified mesh is drawn with an edge."""
 

@@ -25,7 +25,7 @@ class TcpPath:
         name: planner name, for messages.
         poses: function from shares u, shape (n,), to the poses in the base frame, shape (n, 7). Each row is a
             position x, y, z, m, and a quaternion w, x, y, z.
-        length_m, angle_rad: distance and rotation of the TCP.
+        length_m, angle_rad: TCP distance and rotation.
         places: number of even shares at which the joints are first solved.
         free: rotations of the TCP that the path leaves free: none, one or all three.
     """

@@ -28,7 +28,7 @@ from cobot.types import RRT_CONNECT, Array
 POINTS, MAX_POINTS = 30, 100
 ITERATIONS = 120
 LOOK = 5
-"""Number of iterations between two checks of the path."""
+"""Number of iterations between two path checks."""
 SMOOTHING = 40
 """Minimum number of iterations for a path from ompl. It is already free of collisions, and these iterations
 make it smoother.

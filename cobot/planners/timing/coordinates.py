@@ -18,9 +18,9 @@ LOOKS = 33
 is limited.
 """
 STILL, STILL_BESIDE = 1e-9, 1e-4
-"""Values for the linear and the angular motion of the TCP: the first is per unit of the path, the second is
-relative to the other of the two motions, rad per m. A motion below these values is only the deviation of the
-joint path from the line. Then only its speed is limited.
+"""Values for the linear and the angular TCP motion: the first is per unit of the path, the second is relative
+to the other of the two motions, rad per m. A motion below these values is only the deviation of the joint
+path from the line. Then only its speed is limited.
 """
 DIRECTIONS = np.pi / 8.0 * np.array([-3.0, -1.0, 1.0, 3.0])
 """Directions along which a vector is limited, as angles from its tangent, rad. These limits form an
@@ -40,7 +40,7 @@ class Zones:
     Attributes:
         ends: path parameter at the end of each zone, shape (n,).
         shares: shares of the path's velocity, acceleration and jerk limits, for each joint and for the linear
-            and the angular motion of the TCP, shape (3, n, dof + 2).
+            and the angular TCP motion, shape (3, n, dof + 2).
     """
 
     ends: Array
@@ -145,7 +145,7 @@ PARTS = 2
 
 
 class _Tcp:
-    """The linear or angular motion of the TCP: a vector whose length is limited.
+    """The linear or angular TCP motion: a vector whose length is limited.
 
     Attributes:
         directions: directions in which the vector is limited, rad from its tangent towards its normal.

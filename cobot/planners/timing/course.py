@@ -99,9 +99,9 @@ def through(
 ) -> tuple[Trajectory, list[str]]:
     """Quintics through the points at their times, from rest to rest.
 
-    If the first point is at time 0, it must be the current position of the arm. A small offset is blended out
-    over the first points. If the first time is later, the current position is added as a point at time 0. If
-    a point does not specify its velocity or acceleration, the clamped cubic spline through all points defines
+    If the first point is at time 0, it must be the arm's current position. A small offset is blended out over
+    the first points. If the first time is later, the current position is added as a point at time 0. If a
+    point does not specify its velocity or acceleration, the clamped cubic spline through all points defines
     it.
 
     Returns:
@@ -115,9 +115,7 @@ def through(
 
 
 def _blended(course: WaypointCourse, start: Array, limits: JointLimits) -> WaypointCourse:
-    """The course from the current position of the arm. The quintic with the least jerk blends out
-    the offset.
-    """
+    """The course from the arm's current position. The quintic with the least jerk blends out the offset."""
     offset = start - course.positions[0]
     off = np.abs(offset)
     if not off.any():

@@ -339,7 +339,7 @@ def _checked_places(cells: int) -> tuple[Integers, Integers, Integers]:
 
 @lru_cache(maxsize=32)
 def _duration(cells: int) -> Stations:
-    """Simpson's rule for the duration of the motion."""
+    """Simpson's rule for the motion's duration."""
     index, base, weights = duration_stations(cells)
     none = np.zeros_like(weights)
     return Stations(index, base, none, none, None, none, weights)

@@ -1,4 +1,4 @@
-"""The shape of a robot: its bodies, joints and solids, including those of its tool and its scene."""
+"""A robot's shape: its bodies, joints and solids, including those of its tool and its scene."""
 
 from __future__ import annotations
 

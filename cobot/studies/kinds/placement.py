@@ -53,7 +53,7 @@ class PlacementStudy(RobotStudy):
         targets: places to reach, in the current base frame; for the metrics of reach.
         program: motions with poses in the current base frame; for the metric `duration_s`.
         metric: share: mean share of the orientations that are reached at the targets; manipulability: its
-            mean, with 0 for a target that is not reached; duration_s: duration of the program.
+            mean, with 0 for a target that is not reached; duration_s: program duration.
     """
 
     first_chunk: ClassVar[int] = 2
@@ -246,8 +246,8 @@ class _PlacementKernel:
         }
 
     def _duration(self, program: list[StudyMove], base: Pose) -> tuple[float, int, str]:
-        """The duration of the program, s, and the number of planned motions. If a motion cannot be planned,
-        the duration is NaN, and the text gives the reason.
+        """The program duration, s, and the number of planned motions. If a motion cannot be planned, the
+        duration is NaN, and the text gives the reason.
         """
         back = base.inverse()
         moved = [

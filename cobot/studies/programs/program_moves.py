@@ -30,7 +30,7 @@ class StudyMove(StrictModel):
     Attributes:
         to: a named position or joint angles, rad.
         pose: x, y, z (m) and w, x, y, z of the TCP in the base frame, instead of `to`.
-        speed_m_s: largest speed of the TCP on its path.
+        speed_m_s: largest TCP speed on its path.
         accel_scale: share of the largest accelerations; 0 means the same as `speed`.
         label: name for people, in errors.
         stop: whether the arm stops at the end of this motion instead of blending into the next one.

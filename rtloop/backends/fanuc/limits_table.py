@@ -29,7 +29,7 @@ class LimitsTable:
     Attributes:
         unloaded, loaded: limits without load and at full payload, shape (3, dof, THRESHOLDS), in the units of
             the packets. Axis 0 is velocity, acceleration, jerk.
-        max_speed: maximum speed of the TCP, mm/s.
+        max_speed: maximum TCP speed, mm/s.
     """
 
     def __init__(self, dof: int) -> None:

@@ -16,7 +16,7 @@ MIN_VERSION, FORCE_VERSION = 3, 4
 """The oldest supported version, and the first version whose status packets contain a force."""
 PORT = 60015
 THRESHOLDS = 20
-"""Number of columns of the limits table: from 5 % to 100 % of the maximum speed of the TCP."""
+"""Number of columns of the limits table: from 5 % to 100 % of the maximum TCP speed."""
 JOINT_STYLE = 0xFFFF
 """Data style of a command with joint angles. With style 0 the controller interprets the same numbers as a
 pose.

@@ -65,7 +65,7 @@ class Bridge:
     def _jumps(self, command: Array) -> bool:
         """Whether the command jumps: its distance from the last command matches neither the new velocity nor
         the mean of the new and the last velocity. This happens after a fault, when rtloop continues from the
-        current position of the arm.
+        arm's current position.
         """
         step = command[0] - self._last[0]
         by_last = np.abs(step - self._period_s * command[1])

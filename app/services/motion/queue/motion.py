@@ -89,8 +89,8 @@ class QueueMotion:
         runs.
 
         Returns:
-            The remaining part of the motion, if a move was dropped from it, once the arm is at rest. None if
-                the motion has reached its end, or if no move can begin now.
+            The rest of the motion, if a move was dropped from it, once the arm is at rest. None if the motion
+                has reached its end, or if no move can begin now.
 
         Raises:
             CobotError: see `MotionService.start`, `MotionService.arrival`, `PlanningService.compute`.

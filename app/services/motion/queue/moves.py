@@ -36,7 +36,7 @@ class QueueRequest:
 
     Attributes:
         name: displayed name.
-        parts: one function for each motion of the move. It is called with the start of the motion, and
+        parts: one function for each motion in the move. It is called with the start of the motion, and
             returns the request to the planner or the planned motion; None means that the arm is already at
             the goal.
         radius_m: blend radius at the end, m, if another move follows in time.
@@ -45,7 +45,7 @@ class QueueRequest:
         exact: whether the move is a plan, which is run unchanged. The arm stops before and after it.
         anywhere: whether the goal does not depend on the start. True for a pose, false for an angle about an
             axis.
-        midway: whether the move can be resumed in the middle of its path. True for a line, false for an arc.
+        midway: whether the move can be resumed partway along its path. True for a line, false for an arc.
         count: number of motions in the move, which count towards the capacity of the queue.
         require_valid: function that raises `ConflictError` if the preconditions of the move have changed
             since it was queued.
@@ -106,7 +106,7 @@ class QueuedMove:
         legs: the planned motions; empty if the arm is already at the goal.
         radii_m: blend radius at the end of each leg, m.
         since_s: time at which the move was planned.
-        parts: for each motion of the request, the number of legs up to its end.
+        parts: for each motion in the request, the number of legs up to its end.
     """
 
     number: int

@@ -29,7 +29,7 @@ class MoveSignals:
     def __init__(self, segments: Sequence[PathSignals] = (), exact: Placed = NO_PLACED) -> None:
         """
         Args:
-            segments: the signals of each motion of the move.
+            segments: the signals of each motion in the move.
             exact: the signals of a plan, which is run unchanged.
         """
         self._segments = tuple(segments)
@@ -103,7 +103,7 @@ class MoveSignals:
         self._segments = (PathSignals(tuple(replace(each.action, place=AT_ONCE) for each in ordered)),)
 
     def end(self) -> None:
-        """Record the end of the move."""
+        """Record that the move has ended."""
         if self.follower is not None:
             self.follower.look()
             self.follower.end()
