@@ -83,10 +83,9 @@ class Lifetime:
 
 
 def _settle_memory() -> None:
-    """Exclude all current objects from garbage collection, and enable garbage collection again, which
-    `app.__main__` has disabled.
+    """Exclude all current objects from garbage collection, and re-enable it (`app.__main__` disabled it).
 
-    Collecting the garbage that the imports have left would take a tenth of a second and free almost nothing.
+    Collecting what the imports left would take 0.1 s and free almost nothing.
     """
     gc.freeze()
     gc.enable()

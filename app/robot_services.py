@@ -73,7 +73,7 @@ class SharedParts:
     Attributes:
         slowest_move_s: the longest timeout of a request that moves the arm, s.
         sync: service that moves several robots together.
-        several: whether there is more than one robot, so that log lines and addresses must name it.
+        several: whether there is more than one robot; log lines and addresses then name the robot.
         tokens: the access tokens of running programs.
         events: the service's events, for its listeners.
         study_turn: lock that is held while a study for any robot runs.

@@ -218,7 +218,7 @@ def _rows(messages: list[Message], name: str, order: list[int]) -> Array | None:
         if not row and name != "positions":
             having = next(place for place, each in enumerate(rows) if each)
             raise GoalError(
-                f"points[{index}] has no {name}, but points[{having}] has: give {name} at all points or "
+                f"points[{index}] has no {name}, but points[{having}] does: give {name} at all points or "
                 "at none"
             )
         if len(row) != len(order):

@@ -37,7 +37,7 @@ class GripperCommands:
         if_blocked: str | None = None,
         wait: bool = True,
     ) -> Json | JobHandle:
-        """Go to a width.
+        """Move to a width.
 
         Args:
             if_blocked: with "success", the motion succeeds if an object stops the fingers, and the object is

@@ -1,4 +1,4 @@
-"""Records of inputs and outputs in shared memory: the report of the device, and the requested value of an
+"""Records of inputs and outputs in shared memory: the device's report, and the requested value of an
 output.
 """
 

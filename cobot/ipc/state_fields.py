@@ -137,7 +137,7 @@ know is NaN, which becomes null in JSON.
 """
 
 STATE_FIELDS = (
-    StateField("cycle", "u8", "", "Number of the cycle since rtloop started"),
+    StateField("cycle", "u8", "", "Cycle number since rtloop started"),
     StateField("robot_time_s", "f8", "s", "Clock of the robot: number of cycles times the period"),
     StateField("mode", "u8", "", "Mode of rtloop", member=LoopMode, recorded="u1", message=(3, "uint8")),
     StateField(

@@ -42,6 +42,6 @@ def check_endpoints(path: Path) -> dict[str, EndpointChange]:
         if done.returncode != 0:
             said = done.stderr.strip().splitlines()
             raise ConfigError(
-                said[-1] if said else f"{path}: the service ended with status {done.returncode}"
+                said[-1] if said else f"{path}: the service exited with status {done.returncode}"
             )
     return changes

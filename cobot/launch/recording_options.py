@@ -17,7 +17,7 @@ def add_parsers(commands: Any) -> None:
     service = service_options(as_json=False)
     record = commands.add_parser("record", help="record the motion of the robot")
     actions = record.add_subparsers(dest="action", metavar="ACTION", required=True)
-    dump = actions.add_parser("dump", parents=[service], help="save the last seconds, which are in memory")
+    dump = actions.add_parser("dump", parents=[service], help="save the newest seconds in memory")
     dump.add_argument(
         "--seconds", type=float, metavar="S", help="number of seconds to save; by default recording.before_s"
     )

@@ -146,8 +146,7 @@ class SearchMotion(ForceMotion):
         0.001,
         ge=1e-4,
         le=0.5,
-        description="The hole is found when the TCP has advanced this far beyond its place under the whole "
-        "force, m.",
+        description="The hole is found when the TCP is this far beyond its position at full force, m.",
     )
     target: PathPoint | None = Field(
         None,

@@ -107,7 +107,7 @@ def _averaged(rows: Array, steps: int, times: int) -> Array:
 
 
 def shift_along(apart: Array, direction: Array) -> Array:
-    """The delay, s, after which a motion in `direction` is nearest to a point at distance `apart`, shape
+    """Time shift, s, that brings a motion along `direction` closest to a point at offset `apart`, shape
     (n,).
     """
     square = np.einsum("ij,ij->i", direction, direction) + STANDSTILL**2

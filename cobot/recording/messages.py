@@ -60,11 +60,11 @@ _COPIED = tuple(
     (*field.message, field.name) for field in STATE_FIELDS if field.message and field.topic == CYCLE_TOPIC
 )
 _CYCLE_FIELDS = tuple((name, type_) for _, type_, name in sorted((*_OWN, *_COPIED), key=itemgetter(0)))
-"""Name and type of each field that follows the header in a /cycle message, in their order."""
+"""Name and type of each field after the header in a /cycle message, in order."""
 GRIPPER_VALUES = tuple(
     (field.name, field.message[1]) for field in STATE_FIELDS if field.message and field.topic == GRIPPER_TOPIC
 )
-"""Name and type of each field that follows the header in a /gripper message, in their order."""
+"""Name and type of each field after the header in a /gripper message, in order."""
 _FORMATS = {
     "bool": "u1",
     "uint8": "u1",

@@ -1,4 +1,4 @@
-"""Assigns packets to cycles. The newest packet is used, and a lost packet still takes one period."""
+"""Maps packets to cycles. It uses the newest packet; a lost one still counts as one period."""
 
 from __future__ import annotations
 

@@ -40,9 +40,7 @@ def _parser() -> argparse.ArgumentParser:
     shown.add_argument("--json", action="store_true", help="print JSON, for programs")
     new = commands.add_parser("new", help="create a package with a working backend for a toy device")
     new.add_argument("name", metavar="NAME", help="name for robot.backend, such as my_arm")
-    new.add_argument(
-        "--dir", type=Path, default=Path(), metavar="DIR", help="parent folder of the new folder"
-    )
+    new.add_argument("--dir", type=Path, default=Path(), metavar="DIR", help="folder in which to create it")
     new.add_argument(
         "--trajectory", action="store_true", help="create a backend for a device that takes whole motions"
     )

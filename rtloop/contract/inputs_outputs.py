@@ -64,7 +64,7 @@ def _require_sound(points: list[IoPoint]) -> None:
     for point in points:
         if not 0 < len(point.name.encode()) <= IO_NAME_BYTES or "/" in point.name:
             raise ContractError(
-                f"io(): the name {point.name!r} must have 1 to {IO_NAME_BYTES} bytes and no slash"
+                f"io(): the name {point.name!r} must be 1 to {IO_NAME_BYTES} bytes without a slash"
             )
         require_number(point, point.value)
 

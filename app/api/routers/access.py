@@ -120,7 +120,7 @@ def _listed(request: Request, found: tuple[Token, ...]) -> TokensAnswer:
 def _hint(request: Request, identity: Identity) -> str:
     """Describe what a client without a token from the token file must do first."""
     if request.app.state.tokens_required:
-        return f"{identity.name} uses no token of the token file; use an administrator's token: {FIRST}"
+        return f"{identity.name} has no token in the token file; use an administrator's token: {FIRST}"
     setting = request.app.state.web.authentication
     return (
         f"this service needs no tokens (web.authentication: {setting}); create the first one on the robot's "

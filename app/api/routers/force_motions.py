@@ -51,7 +51,7 @@ class PushContact(BaseModel):
 
 
 class ForceAnswer(BaseModel):
-    """How a motion with force ended. Forces are along the push."""
+    """How a force motion ended. Forces are along the push direction."""
 
     model_config = example(
         {

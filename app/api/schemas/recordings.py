@@ -17,7 +17,7 @@ class AskRecording(RequestModel):
 
     action: Literal["dump", "start", "stop"] = Field(
         "dump",
-        description="dump: write the last seconds, which are in memory, to a file; start, stop: begin or "
+        description="dump: write the newest seconds in memory to a file; start, stop: begin or "
         "end a continuous recording.",
     )
     seconds: Annotated[float, Field(gt=0.0, le=600.0, allow_inf_nan=False)] | None = Field(

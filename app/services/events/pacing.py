@@ -1,7 +1,6 @@
 """Wakes listeners in small groups.
 
-Waking hundreds of listeners at once would take long. Targets from a controller and stops must be handled in
-between.
+Waking hundreds at once would take too long: targets from a controller and stops must be handled in between.
 """
 
 from __future__ import annotations

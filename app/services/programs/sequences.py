@@ -135,9 +135,9 @@ class SequenceService:
             stops: `Ownership.stops` when the request arrived.
 
         Raises:
-            ConflictError: a sequence runs, or another client moves the arm.
+            ConflictError: a sequence is running, or another client is moving the arm.
             MotionStopped: a stop was requested meanwhile.
-            InputError: the recording would leave the recordings folder.
+            InputError: the recording would be outside the recordings folder.
             UnavailableError: the process cannot be started.
         """
         if self.status.status == "running":
@@ -367,7 +367,7 @@ class SequenceService:
         """Return the object that instructs the runner at its waypoints.
 
         Raises:
-            ConflictError: no sequence runs.
+            ConflictError: no sequence is running.
         """
         if self._steps is None:
             raise ConflictError("no sequence is running")

@@ -43,7 +43,7 @@ class ToyDevice:
         self._seen_s = now_s()
 
     def command(self, width_m: float, speed_m_s: float, force_n: float) -> None:
-        """Go to a width."""
+        """Move to a width."""
         self.width_m()
         self._require_plugged()
         self.target_m, self._speed_m_s, self.force_n = width_m, speed_m_s, force_n

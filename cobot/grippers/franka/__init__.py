@@ -1,8 +1,8 @@
 """The Franka Hand, through Franka Robotics' library pylibfranka.
 
-A library command blocks until the motion ends, and holds Python's global lock. So commands run in a separate
-process. To end a command early, that process and its connection are ended. A second process, which waits for
-this, then connects and stops the fingers.
+A library command blocks until the motion ends and holds the GIL, so commands run in a separate process. To
+end a command early, that process and its connection are ended. A standby process then connects and stops the
+fingers.
 
 driver   the gripper
 link     the processes and their interface for the driver

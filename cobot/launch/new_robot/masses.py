@@ -89,7 +89,7 @@ def settle(
         stated: the data that `inertials.set_aside` found in a URDF; None for MJCF.
 
     Raises:
-        ConfigError: an option for a mass is impossible, or MuJoCo rejects the specification.
+        ConfigError: a mass option is invalid, or MuJoCo rejects the specification.
     """
     wishes.check(file, [body.name for body in spec.bodies[1:] if body.name])
     settling = _Settling(file, spec, wishes, stated)

@@ -49,7 +49,7 @@ def find_arm(
     """
     chain = _only_arm(file, tree) if tcp is None else _chain_to(file, spec, tree, tcp)
     if not chain:
-        raise ConfigError(f"{file}: has no joint that moves; give the file of a whole arm")
+        raise ConfigError(f"{file}: has no joint that moves; use the file of a complete arm")
     if unnamed := next((node for node in chain if not node.joint.name), None):
         body = unnamed.joint.parent.name
         raise ConfigError(
@@ -92,7 +92,7 @@ def named_arm(
     }
     chain = [node for name, node in tree.nodes.items() if name in names or name in stages]
     if not chain:
-        raise ConfigError(f"{file}: has no joint that moves; give the file of a whole arm")
+        raise ConfigError(f"{file}: has no joint that moves; use the file of a complete arm")
     _require_serial(file, root, spec, chain)
     return chain
 

@@ -32,7 +32,7 @@ def check_urdf(file: Path, root: Element) -> None:
     links = _named(file, root, "link")
     joints = _named(file, root, "joint")
     if not links:
-        raise ConfigError(f"{where(file, root)}: <robot> has no <link>; give the file of a whole robot")
+        raise ConfigError(f"{where(file, root)}: <robot> has no <link>; use the file of a complete robot")
     if (compiler := root.find("mujoco/compiler")) is not None:
         for option in ("boundmass", "boundinertia", "settotalmass"):
             number(file, compiler, option, "the extension for MuJoCo", 0.0)

@@ -1,4 +1,4 @@
-"""Blending: several motions become one that passes their corners without a stop, within a radius.
+"""Blending: joins motions into one that rounds each corner within a radius, without stopping.
 
 At a corner the first path is cut where the TCP enters the radius, and the second where the TCP leaves it. A
 quintic in joint space connects the two ends with two continuous derivatives. The whole path is timed at once.

@@ -1,4 +1,4 @@
-"""Finds how often a program succeeds if the real cell differs from its model.
+"""Finds what share of a program's runs succeed when the cell differs randomly from the model.
 
 A task is one run of the program on a simulated arm, with the real cycle and safety layer.
 """

@@ -125,7 +125,7 @@ class Ros2ControlArm(ControllerClient):
         return progress.look(goal.running_s, None if place is None else np.array(place), 0.0)
 
     def stop(self) -> None:
-        """Cancel all goals. If the process that speaks DDS has ended, it is started again for this."""
+        """Cancel all goals. If the DDS process has ended, it is restarted first."""
         self._link.open()
         if failed := self._link.cancel():
             raise BackendError(f"{failed}: the arm may still move; press the emergency stop of the robot")

@@ -130,10 +130,10 @@ class Recipe:
             RtdeError: the package belongs to a different recipe, or its length is wrong.
         """
         if len(payload) != self._struct.size:
-            raise RtdeError(f"a data package has {len(payload)} bytes, but {self._struct.size} were agreed")
+            raise RtdeError(f"a data package has {len(payload)} bytes, expected {self._struct.size}")
         flat = self._struct.unpack(payload)
         if flat[0] != self.number:
-            raise RtdeError(f"a data package has the recipe {flat[0]}, but {self.number} was agreed")
+            raise RtdeError(f"a data package has recipe {flat[0]}, expected {self.number}")
         found: dict[str, Any] = {}
         begin = 1
         for name, count in zip(self.names, self._counts, strict=True):

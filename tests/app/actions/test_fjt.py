@@ -127,7 +127,7 @@ def test_joints_may_stand_in_any_order(robot: RobotDescription) -> None:
         (
             goal([point(HERE, 1.0, HERE), point(HERE, 2.0)]),
             FjtError.INVALID_GOAL,
-            r"points\[1\] has no velocities, but points\[0\] has: give velocities at all points or at none",
+            r"points\[1\] has no velocities, but points\[0\] does: give velocities at all points or at none",
         ),
         (goal([point(HERE, 1.0, [], HERE)]), FjtError.INVALID_GOAL, "accelerations without velocities"),
         (

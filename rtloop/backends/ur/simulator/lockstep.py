@@ -225,7 +225,7 @@ class _ProgramSide:
         raise OSError("a program on the simulated controller cannot listen on a port")
 
     def wait(self, streams: Sequence[ByteStream], timeout_s: float) -> None:
-        """Programs wait for their next period."""
+        """No-op: programs wait for their period."""
 
 
 class _Later:
@@ -244,7 +244,7 @@ class _Later:
         return self._lock_step.inner.listen(port)
 
     def wait(self, streams: Sequence[ByteStream], timeout_s: float) -> None:
-        """Programs wait for their next period."""
+        """No-op: programs wait for their period."""
 
 
 def joined(settings: Settings, limits: JointLimits, options: UrControllerOptions | None = None) -> UrLockStep:

@@ -68,7 +68,7 @@ def test_a_stream_is_split_however_it_is_cut() -> None:
 @pytest.mark.parametrize(
     ("payload", "found"),
     [
-        (b"", "a data package has 0 bytes, but 9 were agreed"),
+        (b"", "a data package has 0 bytes, expected 9"),
         (b"\x01" + b"\x00" * 9, "has 10 bytes"),
         (b"\x02" + b"\x00" * 8, "the recipe 2, but 1 was agreed"),
     ],
