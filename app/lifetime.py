@@ -1,5 +1,5 @@
-"""Starts and ends everything that runs while the application runs, from opening shared memory to the final
-stop.
+"""Starts and ends everything that runs while the application is running, from opening shared memory to the
+final stop.
 """
 
 from __future__ import annotations

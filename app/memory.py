@@ -35,8 +35,8 @@ def share_arenas() -> None:
 
 
 async def give_back() -> None:
-    """Return memory while the service runs. With a C library other than glibc, only Python's own memory is
-    returned.
+    """Return memory while the service is running. With a C library other than glibc, only Python's own memory
+    is returned.
     """
     # opened now, because later no file descriptor may be free
     with Path("/proc/self/statm").open("rb", buffering=0) as statm:

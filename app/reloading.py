@@ -116,7 +116,7 @@ class Reloading:
 
         Raises:
             InputError: the files are not valid; the error states where. Nothing has changed.
-            ConflictError: a client moves a robot, or a robot is outside the new limits.
+            ConflictError: a client is moving a robot, or a robot is outside the new limits.
             UnavailableError: a robot does not answer, so it is unknown whether it is at rest; or rtloop has
                 not restarted with the new limits.
         """

@@ -1,6 +1,4 @@
-"""A periodic callback in the event loop at up to 1 kHz, because the loop's own timers are too coarse for
-this.
-"""
+"""A periodic callback in the event loop at up to 1 kHz, because the loop's own timers are too coarse."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ A goal is executed as one planned motion. The service checks the whole motion be
 then executes it without further help from the service. With an `fjt_mode` from 1 to 7 the goal is executed as
 a servo session with points from the same polynomials. Invalid goals are accepted and then aborted with an
 error code and a message, because a ROS rejection has no field for them. A goal is rejected only if the action
-is disabled, another client moves the arm, or an e-stop is active.
+is disabled, another client is moving the arm, or an e-stop is active.
 """
 
 from __future__ import annotations

@@ -176,8 +176,8 @@ def get_speed_fraction(robot: Services) -> float:
 async def set_speed_fraction(robot: Services, fraction: float) -> None:
     """Set the speed override, for the current motion and all later ones.
 
-    Rejected while another client moves the arm or has control of it, and during a streaming session. A value
-    that a program or the holder of a control lease has set ends with the program or the lease.
+    Rejected while another client is moving the arm or has control of it, and during a streaming session. A
+    value that a program or the holder of a control lease has set ends with the program or the lease.
 
     Args:
         fraction: share of the planned speed: 0 (the arm waits), or from 0.01 to 1.
@@ -189,7 +189,7 @@ async def set_speed_fraction(robot: Services, fraction: float) -> None:
 async def stop_move(robot: Services) -> None:
     """Stop on the path. The current and the queued moves wait until startMove or clearPath.
 
-    With an empty queue this does nothing. It is rejected while another request moves the arm.
+    With an empty queue this does nothing. It is rejected while another request is moving the arm.
     """
     _require_no_other_motion(robot)
     if not robot.queue.idle:
@@ -207,7 +207,7 @@ async def start_move(robot: Services) -> None:
 async def clear_path(robot: Services) -> None:
     """Stop on the path and remove all moves from the queue. Answers when the arm is at rest.
 
-    With an empty queue this does nothing. It is rejected while another request moves the arm.
+    With an empty queue this does nothing. It is rejected while another request is moving the arm.
     """
     _require_no_other_motion(robot)
     await robot.queue.clear("the path was cleared by MotionControl/clearPath")

@@ -247,7 +247,7 @@ def get_tcp_offset(robot: Services) -> list[float]:
 @service("RobotConfig")
 async def set_tcp_offset(robot: Services, offset: list[float]) -> None:
     """Set the tool's tip (TCP), for all interfaces, as POST /robot/tool does. It is kept across restarts.
-    Allowed only while the arm is at rest and no moves wait.
+    Allowed only while the arm is at rest and no moves are waiting.
 
     Args:
         offset: [x, y, z, rx, ry, rz] in the frame of the TCP in the model's file, m and rad; at most 2 m.

@@ -109,7 +109,7 @@ def get_return_code(robot: Services) -> int:
 
     Returns:
         0 success, 2 an error in the file, 3 a motion failed, 4 the robot was not available, 128 + N or -N
-            ended by signal N; -1 if a program runs or none has ended yet.
+            ended by signal N; -1 if a program is running or none has ended yet.
     """
     code = robot.sequences.status.returncode
     return -1 if code is None else code

@@ -44,14 +44,14 @@ async def sync_move_segment(
         v: the maximum velocity of the fastest joint, rad/s; 0 for 0.5.
 
     Returns:
-        true if the segment has started; false if it waits for another robot.
+        true if the segment has started; false if it is waiting for another robot.
     """
     return await robot.sync.segment(robot.robot.name, segment, q, a, v)
 
 
 @service(CLASS)
 def sync_move_off(robot: Services, syncident: int) -> None:
-    """End synchronous motion. Fails while a segment waits for a robot.
+    """End synchronous motion. Fails while a segment is waiting for a robot.
 
     Args:
         syncident: the same number as for syncMoveOn.

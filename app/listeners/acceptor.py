@@ -206,7 +206,9 @@ class Acceptor:
         return admitted
 
     def _pause(self, duration_s: float) -> None:
-        """Accept no connections for a moment, because the socket would stay readable while a client waits."""
+        """Accept no connections for a moment, because the socket would stay readable while a client is
+        waiting.
+        """
         self._loop.remove_reader(self._listener)
         self._pausing = self._loop.call_later(duration_s, self._loop.add_reader, self._listener, self._accept)
 

@@ -188,8 +188,8 @@ async def plan_gripper_home(ctx: Ctx, robot: Robot = "") -> Any:
 
 
 async def stop_gripper(ctx: Ctx, robot: Robot = "") -> Any:
-    """Stop the fingers where they are, no matter which client moves them. A held object stays held. Always
-    permitted; the arm continues to move.
+    """Stop the fingers where they are, no matter which client is moving them. A held object stays held.
+    Always permitted; the arm continues to move.
     """
     return await _Rest(ctx, robot).post("/robot/gripper/stop")
 
@@ -258,7 +258,7 @@ async def rehearse(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> Any:
 
 
 async def stop(ctx: Ctx, robot: Robot = "") -> Any:
-    """Stop the arm at once, no matter which client moves it. Always permitted."""
+    """Stop the arm at once, no matter which client is moving it. Always permitted."""
     rest = _Rest(ctx, robot)
     done = rest.scope.get(STOPPED)  # the answer of the stop that was made when the request arrived
     return await rest.post("/stop") if done is None else read_decision(done)
@@ -270,7 +270,7 @@ async def list_plans(ctx: Ctx, robot: Robot = "") -> Any:
 
 
 async def get_sequence(ctx: Ctx, lines: LogLines = 50, robot: Robot = "") -> Any:
-    """Whether a sequence runs or how it ended, and the last lines of its output."""
+    """Whether a sequence is running or how it ended, and the last lines of its output."""
     rest = _Rest(ctx, robot)
     return {
         "status": await rest.get("/sequences/status"),

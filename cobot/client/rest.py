@@ -403,7 +403,7 @@ class Client(ForceMoves, Steps, EventConnection):
 
     def study(self, study: str) -> Json:
         """A study: `state` (running, finished, partial, failed), `reason`, `done`, `tasks`, `left_s`,
-        `answer` (partial while the study runs), and `job`. Cancelling this job ends the study.
+        `answer` (partial while the study is running), and `job`. Cancelling this job ends the study.
         """
         return self._json("GET", f"/studies/{study}")
 

@@ -186,7 +186,7 @@ class Robot(SessionSettings):
 
         Raises:
             InputError: the mode is unknown or cannot be selected.
-            ConflictError: the arm moves or has a streaming session; stop it first.
+            ConflictError: the arm is moving or has a streaming session; stop it first.
             NotReadyError: see `enable`.
         """
         state = self._state()
@@ -296,7 +296,7 @@ class Robot(SessionSettings):
                 sequence runs once.
 
         Raises:
-            ConflictError: the mode is not NRT_PLAN_EXECUTION, or a different client moves the arm.
+            ConflictError: the mode is not NRT_PLAN_EXECUTION, or a different client is moving the arm.
             CobotError: the plan cannot be executed, or the previous one has failed.
         """
         self._require_mode(Mode.NRT_PLAN_EXECUTION)

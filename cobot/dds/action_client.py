@@ -14,7 +14,8 @@ is a JSON object with `what`:
     error       text
 
 A goal is sent after the answer to the previous one, because a driver with several threads may execute two
-goals in the wrong order if they arrive together. Of the goals that wait for this, only the newest is sent.
+goals in the wrong order if they arrive together. Of the goals that are waiting meanwhile, only the newest is
+sent.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 loop (`rtloop`) blends consecutive chunks.
 
 The arm follows the last chunk while the policy computes the next one. The runner therefore requests the next
-chunk so early that it arrives before the current one ends. It estimates the time for this from the latest
-response times. Actions whose time has passed when the chunk arrives are left out. rtloop changes to the new
+chunk so early that it arrives before the current one ends. It estimates the time that a response takes from
+the latest ones. Actions whose time has passed when the chunk arrives are left out. rtloop changes to the new
 chunk with continuous velocity and acceleration, within the limits (docs/streaming.md).
 """
 

@@ -1,4 +1,4 @@
-"""A motion whose goal has changed while it runs. For planning processes and the service."""
+"""A motion whose goal has changed while it is running. For planning processes and the service."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ class Stopping(Exception):
 
 
 class ProgramWatch:
-    """Tells a program when it must end, and interrupts its waits at that moment.
+    """Tells a program when it must end, and interrupts its waits then.
 
     Attributes:
         reason: the reason why the program must end; "" while it may continue.

@@ -60,7 +60,7 @@ def while_stopping(fault: str, cell: CheckedBackend) -> str:
 
 
 def in_stream(fault: str, cell: CheckedBackend) -> str:
-    """Like `ends`, but the fault occurs while a client streams positions."""
+    """Like `ends`, but the fault occurs while a client is streaming positions."""
     if capabilities_of(cell.kind).trajectories:
         raise NotTested("nothing can be streamed to a device that executes motions by itself")
     return _inject_while(fault, cell, begin_stream, stays=True)

@@ -19,7 +19,7 @@ from rtloop.results import LATER, Later, Rejected
 from rtloop.streaming.collision_monitor import CollisionMonitor
 
 SWITCH_S = 1e-4
-"""Maximum time for which the thread may block the cycle while the thread runs Python code, s."""
+"""Maximum time for which the thread may block the cycle while the thread is running Python code, s."""
 
 
 class Surroundings:

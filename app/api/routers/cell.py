@@ -113,7 +113,7 @@ async def cell(
 async def reset_cell(request: Request) -> CellAnswer:
     """Reset parts, hand, outputs and counters to their state at the start. The arm stays where it is.
 
-    Rejected with 409 while the arm moves.
+    Rejected with 409 while the arm is moving.
     """
     service = Call(request).services.cell
     await service.reset()
@@ -131,8 +131,8 @@ async def reset_simulation(request: Request) -> ResetAnswer:
     """Restart the simulation: an e-stop or a fault is cleared, and arm and cell return to their initial
     state.
 
-    Scene, tool and positions stay. Rejected with 409 while the arm moves or a program runs, and with 501 on a
-    real robot.
+    Scene, tool and positions stay. Rejected with 409 while the arm is moving or a program is running, and
+    with 501 on a real robot.
     """
     await Call(request).services.simulation.reset()
     return ResetAnswer(success=True, message="the simulation restarts")

@@ -62,8 +62,8 @@ async def set_output(
 ) -> IoAnswer:
     """Set an output; answers when the device reports the value.
 
-    Works also while the arm moves. If the device does not report the value within the endpoint's timeout, the
-    answer is a 504 with the value that it reports.
+    Also works while the arm is moving. If the device does not report the value within the endpoint's timeout,
+    the answer is a 504 with the value that it reports.
     """
     call = Call(request)
     audit.add_details(value=body.value)

@@ -173,8 +173,8 @@ async def speed_override(request: Request) -> SpeedOverrideAnswer:
 async def set_speed_override(body: SpeedOverrideBody, request: Request) -> SpeedOverrideAnswer:
     """Set the speed override, for the current motion and all later ones. The change is jerk-limited.
 
-    Rejected while another client moves the arm or has control, and during a streaming session. A value that a
-    program or the holder of a lease has set ends with the program or the lease.
+    Rejected while another client is moving the arm or has control, and during a streaming session. A value
+    that a program or the holder of a lease has set ends with the program or the lease.
     """
     ownership = Call(request).services.ownership
     await ownership.set_speed_fraction(body.fraction)

@@ -18,7 +18,9 @@ router = EndpointRouter(tags=["operations"])
 
 @router.endpoint("GET /health/live", Role.PUBLIC, timeout_s=1.5)
 async def live() -> LiveAnswer:
-    """Whether the service runs: restart it if there is no answer. This says nothing about the robots."""
+    """Whether the service is running: restart it if there is no answer. This says nothing about the
+    robots.
+    """
     return LiveAnswer(status="live")
 
 

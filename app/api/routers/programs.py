@@ -164,7 +164,7 @@ async def delete_program(
 async def run_program(
     program: Id, body: RunProgram, request: Request, wait: Wait = True
 ) -> StartedAnswer | Response:
-    """Run a stored program; answers when its process runs. Only one program runs at a time."""
+    """Run a stored program; answers when its process is running. Only one program runs at a time."""
     call = Call(request)
     found = await call.services.stored.read(program, body.version)
     audit.add_details(program=found.id, version=found.version)

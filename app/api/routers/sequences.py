@@ -67,7 +67,7 @@ async def start_sequence(
     pose_action: Annotated[str, _text(ACTION)] = "cobot/move_to_pose",
     wait: Wait = True,
 ) -> StartedAnswer | Response:
-    """Start a sequence or a Lua program; answers when its process runs. Only one runs at a time."""
+    """Start a sequence or a Lua program; answers when its process is running. Only one runs at a time."""
     call = Call(request)
     content = await config.read()
     digest = hashlib.sha256(content).hexdigest()

@@ -24,7 +24,7 @@ class SimulationService:
 
         Raises:
             NotSupportedError: the backend moves a real arm. The error names it.
-            ConflictError: the arm moves, a program runs, or the backend is a different simulation.
+            ConflictError: the arm is moving, a program is running, or the backend is a different simulation.
             NotReadyError: the cause of a fault persists; the error gives rtloop's reason.
             UnavailableError: rtloop does not answer.
         """

@@ -61,7 +61,7 @@ async def follow(
 
 
 def _ended(worker: GripperWorker, asked: asyncio.Future[int], name: str) -> GripperState | None:
-    """Return the gripper's state at the end of a command; None while the command runs."""
+    """Return the gripper's state at the end of a command; None while the command is running."""
     if not asked.done():
         return None
     if (problem := asked.exception()) is not None:

@@ -257,7 +257,7 @@ class GripperService:
             raise
 
     def _halt(self, worker: GripperWorker, running: Running) -> None:
-        """Stop the fingers after a command that ends early, unless another command already moves them."""
+        """Stop the fingers after a command that ends early, unless another command is already moving them."""
         if self._running is running:
             worker.tell(lambda gripper: gripper.stop())
 

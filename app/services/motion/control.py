@@ -23,7 +23,7 @@ class ControlStatus:
         holder, address: name and address of the client that has control. None if no client has control, or if
             a process that streams through shared memory has it. For such a process only `what` is known.
         how: "explicit" with a lease, "implicit" with a running motion.
-        what: the request that moves the arm now.
+        what: the request that is moving the arm now.
         since: time when control was taken, if known.
         until: time when the lease ends, if nothing moves until then.
         speed_fraction: speed override, as a share of the planned speed.

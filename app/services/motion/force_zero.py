@@ -51,7 +51,7 @@ class ForceZero:
 
         Raises:
             NotSupportedError: the device measures no force.
-            ConflictError: the arm moves.
+            ConflictError: the arm is moving.
             UnavailableError: the robot cannot be read.
         """
         self.require_measured(Quantity.FORCE, "the zero of the force")

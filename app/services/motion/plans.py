@@ -106,7 +106,7 @@ class PlanService:
             radii_m: as in `MoveService.move_sequence`.
 
         Raises:
-            ConflictError: the arm moves and no `start` is given.
+            ConflictError: the arm is moving and no `start` is given.
             InputError, PlanningError, UnavailableError: the same errors as for a motion. They contain an
                 `explanation` if it was requested and something was found.
         """
@@ -247,7 +247,7 @@ class PlanService:
         position as now.
 
         Raises:
-            ConflictError: the arm moves.
+            ConflictError: the arm is moving.
             UnavailableError: the robot is not ready, or no planning process is free.
         """
         begin = np.array((await self._motion.require_ready()).commanded_position)
@@ -335,7 +335,7 @@ class PlanService:
             NotFoundError: the plan is unknown or has expired.
             ConflictError: the arm's position or a limit has changed. The error gives the change and the
                 allowed deviation.
-            ConflictError, UnavailableError: another client moves the arm, or the arm is not ready.
+            ConflictError, UnavailableError: another client is moving the arm, or the arm is not ready.
         """
         plan = self.get(plan_id)
 

@@ -109,8 +109,8 @@ class RetargetService:
             timeout_s: timeout for planning, with all repetitions.
 
         Raises:
-            ConflictError: the job has no motion whose goal can be changed, another client moves the arm or
-                has control, or the change came too late.
+            ConflictError: the job has no motion whose goal can be changed, another client is moving the arm
+                or has control, or the change came too late.
             InputError: the goal is relative to the TCP, or has actions or conditions.
             PlanningError: the goal cannot be reached from the point of the change, or the path is not free.
             MotionStopped: a stop was requested meanwhile, or the scene has changed and the new motion stops.

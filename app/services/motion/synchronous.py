@@ -124,7 +124,7 @@ class SyncService:
 
         Raises:
             NotFoundError: the synchronous motion has not begun.
-            ConflictError: a segment waits for a robot.
+            ConflictError: a segment is waiting for a robot.
         """
         sync = self._sync(number)
         for segment, targets in sync.waiting.items():

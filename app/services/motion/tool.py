@@ -105,8 +105,8 @@ class ToolService:
 
         Raises:
             InputError, LimitError: the tool is impossible, or the arm could not hold it in its current pose.
-            ConflictError: the arm moves, another client moves it, an object is attached to the TCP, or rtloop
-                rejects the tool. The tool is unchanged.
+            ConflictError: the arm is moving, another client is moving it, an object is attached to the TCP,
+                or rtloop rejects the tool. The tool is unchanged.
             UnavailableError: rtloop does not answer, or the file cannot be written. The tool is unchanged.
         """
         if edit(self.tool) == self.tool:

@@ -1,4 +1,4 @@
-"""Settings of a robot that a user may change while the service runs."""
+"""Settings of a robot that a user may change while the service is running."""
 
 from __future__ import annotations
 

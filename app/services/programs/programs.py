@@ -77,7 +77,7 @@ class ProgramService:
             InputError: the path leads out of the folder, or the program contains an error. The message says
                 where.
             NotFoundError: there is no such program.
-            ConflictError: a program runs.
+            ConflictError: a program is running.
         """
         if self.running:
             raise ConflictError(f"a program is running ({self.loaded or 'a sequence'}); stop it first")
@@ -93,7 +93,8 @@ class ProgramService:
             stops: `Ownership.stops` when the request arrived.
 
         Raises:
-            ConflictError: no program is loaded, a program already runs, or another client moves the arm.
+            ConflictError: no program is loaded, a program is already running, or another client is moving the
+                arm.
             MotionStopped, UnavailableError: see `SequenceService.start`.
         """
         if not self.loaded:
@@ -108,7 +109,7 @@ class ProgramService:
         """Pause the program. The arm stops on its path, and the program waits at its next motion.
 
         Raises:
-            ConflictError: no program runs, or the program has a streaming session.
+            ConflictError: no program is running, or the program has a streaming session.
             ExecutionError, UnavailableError: see `SpeedOverride.pause`.
         """
         self._require_running()

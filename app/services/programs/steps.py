@@ -91,7 +91,7 @@ class RunnerInstructions:
             self._hold_at = waypoint
 
     def resume(self, waypoint: int | None = None, *, step: bool = False) -> None:
-        """Make the runner continue, if it waits or would wait at the next waypoint.
+        """Make the runner continue, if it is waiting or would wait at the next waypoint.
 
         Args:
             waypoint: waypoint to continue with; None for the next one.

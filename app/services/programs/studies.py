@@ -53,7 +53,7 @@ class StudyService:
 
     Args:
         config: settings file; None for the file that ships with cobot.
-        turn: lock that is held while a study for any robot runs.
+        turn: lock that is held while a study for any robot is running.
 
     Attributes:
         niceness: niceness of the computing processes.
@@ -82,7 +82,7 @@ class StudyService:
             max_s: maximum duration of this run, s.
 
         Raises:
-            ConflictError: another study runs, or there are too many.
+            ConflictError: another study is running, or there are too many.
             CobotError: the study is invalid.
             UnavailableError: the process of the study cannot be started, or does not answer in time.
         """
@@ -146,7 +146,7 @@ class StudyService:
 
         Raises:
             NotFoundError: there is no such study.
-            ConflictError: the study runs.
+            ConflictError: the study is running.
             UnavailableError: the files cannot be deleted.
         """
         if (await self.read(study)).state == "running":

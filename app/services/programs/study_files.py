@@ -29,7 +29,7 @@ class StudyStatus:
 
     Attributes:
         state: running, finished, partial (it can be continued), or failed.
-        reason: reason why the study is not finished; "" while it runs and after it has finished.
+        reason: reason why the study is not finished; "" while it is running and after it has finished.
         answer: answer from the results so far, as values by displayed names.
         left_s: estimated remaining time, s; None while it is unknown.
         placement: for a placement study, the poses of the best base and TCP: x, y, z, w, x, y, z.

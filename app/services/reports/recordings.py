@@ -30,7 +30,7 @@ class RecorderStatus:
 
     Attributes:
         alive: whether the recorder has updated its heartbeat in the last few seconds.
-        recording: name of the running continuous recording; "" while no continuous recording runs.
+        recording: name of the running continuous recording; "" while no continuous recording is running.
         lost: number of cycles that are missing in the recordings, because the recorder was too slow.
         files, bytes: number and total size of all recordings.
         problem: reason why nothing can be recorded; "" if recording is possible.
@@ -94,7 +94,7 @@ class RecordingService:
             The file names. For a recording that has been started, the prefix of the names of its files.
 
         Raises:
-            UnavailableError: the recorder does not run or hangs, or the file cannot be written.
+            UnavailableError: the recorder is not running or hangs, or the file cannot be written.
             ConflictError: a continuous recording is already running, or none is running that could be
                 stopped.
         """

@@ -248,7 +248,7 @@ class Job:
         self._waypoints = done, of
 
     def hold(self, held: bool) -> None:
-        """Record whether a sequence waits at a waypoint."""
+        """Record whether a sequence is waiting at a waypoint."""
         self._held = held
         self.on_change(self)
 

@@ -46,7 +46,7 @@ class ControlLease:
     next read.
 
     Args:
-        moving: function that returns whether a motion or a sequence runs. Meanwhile the lease does not
+        moving: function that returns whether a motion or a sequence is running. Meanwhile the lease does not
             expire.
         ended: function that is called when a lease has ended.
         tell: function that is called with the change of a lease ("taken", "released", "expired", "taken
@@ -126,7 +126,7 @@ class ControlLease:
         return self._lease
 
     def renew(self) -> None:
-        """Extend the lease, because its holder moves the arm."""
+        """Extend the lease, because its holder is moving the arm."""
         if self._lease is not None:
             self._lease.until_s = self._clock.now_s() + self._lease.timeout_s
 

@@ -58,7 +58,7 @@ class Ownership:
 
     @property
     def owner(self) -> str | None:
-        """Description of the request that moves the arm now; None while no request moves it."""
+        """Description of the request that is moving the arm now; None while no request is moving it."""
         if self._claim is not None:
             return str(self._claim)
         return self._sequence.name if self._sequence else self._link.streamer()
@@ -82,7 +82,7 @@ class Ownership:
 
     @property
     def in_motion(self) -> bool:
-        """Whether a motion or a streaming session runs. False for a sequence between its motions."""
+        """Whether a motion or a streaming session is running. False for a sequence between its motions."""
         return self._claim is not None or self._link.streamer() is not None
 
     @property
@@ -115,7 +115,7 @@ class Ownership:
             name: displayed name.
 
         Raises:
-            ConflictError: another client moves the arm or has control.
+            ConflictError: another client is moving the arm or has control.
             UnavailableError: see `Heartbeat.require_awake`.
         """
         client = CLIENT.get()
@@ -148,7 +148,7 @@ class Ownership:
         """Check that a request with this token may move the arm.
 
         Raises:
-            ConflictError: another client moves the arm or has control.
+            ConflictError: another client is moving the arm or has control.
         """
         client = CLIENT.get()
         self.lease.require_not_lost(client)
@@ -179,13 +179,13 @@ class Ownership:
             self.lease.require(client)
 
     def require_mover(self, what: str) -> None:
-        """Check that no other client moves the arm or has control.
+        """Check that no other client is moving the arm or has control.
 
         Args:
             what: the action that needs this, for the error.
 
         Raises:
-            ConflictError: another client moves the arm or has control.
+            ConflictError: another client is moving the arm or has control.
         """
         self.require_control()
         client, moving = CLIENT.get(), self.moving
@@ -200,7 +200,7 @@ class Ownership:
         """Set the speed override for the current motion and all later ones.
 
         Raises:
-            ConflictError: another client moves the arm or has control, or a streaming session runs.
+            ConflictError: another client is moving the arm or has control, or a streaming session is running.
             LimitError, UnavailableError: see `SpeedOverride.set_fraction`.
         """
         self.require_control()
@@ -263,7 +263,7 @@ class Ownership:
         is interrupted.
 
         Raises:
-            ConflictError: another client moves the arm.
+            ConflictError: another client is moving the arm.
             UnavailableError: see `Heartbeat.require_awake`.
         """
         self.require_free(caller.token)

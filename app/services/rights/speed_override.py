@@ -121,7 +121,7 @@ class SpeedOverride:
         Returns when all of them are at rest.
 
         Raises:
-            ConflictError: a streaming session runs, which has no path.
+            ConflictError: a streaming session is running, which has no path.
             NotSupportedError: the device executes whole motions itself.
             UnavailableError: rtloop does not answer.
             ExecutionError: an arm does not come to rest.

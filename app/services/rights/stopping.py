@@ -245,5 +245,5 @@ class StopService:
 
 
 def _idle(state: RobotState) -> bool:
-    """Whether neither a motion nor a streaming session runs."""
+    """Whether neither a motion nor a streaming session is running."""
     return state.mode in RESTING and state.session == 0

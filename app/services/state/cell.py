@@ -66,7 +66,7 @@ class CellService:
 
         Raises:
             NotFoundError: there is no cell.
-            ConflictError: the arm moves.
+            ConflictError: the arm is moving.
             UnavailableError: rtloop does not answer.
         """
         self.require()

@@ -178,8 +178,8 @@ class Commands:
             mounted: the tool without the parts of a simulated cell.
 
         Raises:
-            ExecutionError: rtloop rejects the tool, for example because the arm moves; the error gives the
-                reason.
+            ExecutionError: rtloop rejects the tool, for example because the arm is moving; the error gives
+                the reason.
             UnavailableError: rtloop does not answer.
         """
         async with self._turn:
@@ -215,8 +215,8 @@ class Commands:
         """Reset the simulated cell to its initial state.
 
         Raises:
-            ExecutionError: rtloop rejects the reset, for example because the arm moves; the error gives the
-                reason.
+            ExecutionError: rtloop rejects the reset, for example because the arm is moving; the error gives
+                the reason.
             UnavailableError: rtloop does not answer.
         """
         async with self._turn:
@@ -226,7 +226,7 @@ class Commands:
         """Reset the simulated arm and its cell to their initial state.
 
         Raises:
-            ExecutionError: rtloop rejects the reset because the arm moves or is not simulated; the error
+            ExecutionError: rtloop rejects the reset because the arm is moving or is not simulated; the error
                 gives the reason.
             UnavailableError: rtloop does not answer.
         """
@@ -265,7 +265,7 @@ class Commands:
             timeout_s: timeout for the robot to be enabled.
 
         Raises:
-            ConflictError: the arm moves, so there is nothing to reset.
+            ConflictError: the arm is moving, so there is nothing to reset.
             NotReadyError: the cause persists; the error gives rtloop's reason.
             UnavailableError: rtloop does not answer.
         """

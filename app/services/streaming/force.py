@@ -117,7 +117,7 @@ class ForceService:
 
         Raises:
             InputError: the settings are invalid; the error gives the reason.
-            ConflictError: another client moves the arm, or a servo session has begun without force axes.
+            ConflictError: another client is moving the arm, or a servo session has begun without force axes.
             NotReadyError, ExecutionError, UnavailableError: see `StreamService.open`.
         """
         async with self._changing:

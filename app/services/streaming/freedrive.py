@@ -205,7 +205,8 @@ class FreedriveService:
 
         Raises:
             NotSupportedError: the backend has no freedrive. The error names the backend.
-            ConflictError: another client moves the arm or has control, or the arm is already being pushed.
+            ConflictError: another client is moving the arm or has control, or the arm is already being
+                pushed.
             NotReadyError, ExecutionError, UnavailableError: see `StreamService.open`.
         """
         by_device = self._require_able()

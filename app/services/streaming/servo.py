@@ -132,7 +132,7 @@ class ServoService:
 
         Raises:
             InputError: the mode does not exist, or a time is out of range.
-            ConflictError: another client moves the arm, or a stop was requested later than the session.
+            ConflictError: another client is moving the arm, or a stop was requested later than the session.
             NotReadyError, ExecutionError, UnavailableError: see `StreamService.open`.
         """
         try:

@@ -142,7 +142,7 @@ class StreamService:
     """Starts sessions and monitors each one until it ends, even if its client dies.
 
     Attributes:
-        session: the current session; None while no session runs.
+        session: the current session; None while no session is running.
     """
 
     def __init__(
@@ -225,7 +225,7 @@ class StreamService:
 
         Raises:
             InputError: the request is invalid.
-            ConflictError: another client moves the arm or streams. The error names it.
+            ConflictError: another client is moving the arm or streams. The error names it.
             NotReadyError: the mode is ESTOP or FAULT.
             ExecutionError: rtloop rejects the session; the error gives the reason.
             UnavailableError: rtloop does not answer.

@@ -1,4 +1,4 @@
-"""Reads bytes from the network. All code in this package uses it for this."""
+"""Reads bytes from the network. All reading in this package uses it."""
 
 from __future__ import annotations
 

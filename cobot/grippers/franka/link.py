@@ -58,7 +58,7 @@ class HandLink(Protocol):
         ...
 
     def result(self) -> CallResult | None:
-        """The result of the last command; None while it runs."""
+        """The result of the last command; None while it is running."""
         ...
 
     def abort(self) -> None:
@@ -69,7 +69,7 @@ class HandLink(Protocol):
 class ProcessLink:
     """The hand at an address. One process is connected, and a second process waits to replace it.
 
-    The hand accepts one connection at a time, and the state cannot be read while a command runs.
+    The hand accepts one connection at a time, and the state cannot be read while a command is running.
     """
 
     def __init__(self, address: str) -> None:

@@ -268,7 +268,7 @@ class FrankaBackend:
         controlled.
 
         Raises:
-            BackendError: the arm moves, or the robot rejects the settings.
+            BackendError: the arm is moving, or the robot rejects the settings.
         """
         controlled = self._link.control is not None
         with self._link.in_words():

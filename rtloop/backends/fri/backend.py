@@ -48,8 +48,8 @@ class FriBackend:
     `Stepwise`.
 
     The session's state determines the answer to each packet. It contains no command while the session is only
-    monitored, the interpolator's position while a motion waits, and a command while the motion runs and the
-    connection is good.
+    monitored, the interpolator's position while a motion is waiting, and a command while it is running and
+    the connection is good.
     """
 
     Options = FriOptions

@@ -18,7 +18,7 @@ from rtloop.backends.simulators.times import ServerTimes
 MAX_PACKET = 65_507
 """Maximum size of a UDP packet, bytes. The controller checks the length that its protocol permits."""
 MAX_WAIT_S = 0.02
-"""Interval at which the control interface is checked while the server waits for a late answer, s."""
+"""Interval at which the control interface is checked while the server is waiting for a late answer, s."""
 MAX_AT_ONCE = 256
 """Maximum number of packets that are read from the socket at the end of a period."""
 MIN_SHARE = 0.9

@@ -144,8 +144,8 @@ class Enabling:
             raise BackendError(SWITCH_ON.get(mode) or f"the robot mode is: {mode_in_words(mode)}")
 
     def _end_programs(self, state: State) -> Generator[None, None, None]:
-        """Wait until no program runs. If a cobot program is still running, it is ended. Any other running
-        program is an error.
+        """Wait until no program is running. If a cobot program is still running, it is ended. Any other
+        running program is an error.
         """
 
         def stopped() -> bool:

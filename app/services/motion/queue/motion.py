@@ -1,5 +1,5 @@
 """The motion that the queue executes. It begins with the waiting moves, and is extended with moves that
-arrive while it runs.
+arrive while it is running.
 
 A planning process joins the next moves to the motion, and rtloop continues with the result. The part of the
 motion that the arm executes during planning stays unchanged. So the arm does not stop at the end of a move
@@ -86,7 +86,7 @@ class QueueMotion:
 
     async def execute(self, claim: Claim, line: QueueLine) -> Left | None:
         """Execute a motion that begins with the waiting moves, and continues with those that arrive while it
-        runs.
+        is running.
 
         Returns:
             The rest of the motion, if a move was dropped from it, once the arm is at rest. None if the motion

@@ -124,7 +124,7 @@ class MotionQueue:
 
         Raises:
             InputError, PlanningError: the move is impossible. Earlier moves continue.
-            ConflictError: another client moves the arm or has control, or the queue is full.
+            ConflictError: another client is moving the arm or has control, or the queue is full.
             MotionStopped: a stop was requested meanwhile.
             UnavailableError: see `MotionService.ready`.
         """
@@ -240,7 +240,7 @@ class MotionQueue:
         self._jobs.give_up(moves, error, stop if isinstance(stop, MotionStopped) else None)
 
     async def _next(self, claim: Claim) -> bool:
-        """Wait until a motion may begin with the waiting moves. Return False if no moves wait."""
+        """Wait until a motion may begin with the waiting moves. Return False if no moves are waiting."""
         while self._line:
             claim.proceed()
             chain = self._line.head
@@ -260,7 +260,7 @@ class MotionQueue:
 
     async def _execute(self, claim: Claim) -> None:
         """Execute a motion that begins with the waiting moves, and continues with those that arrive while it
-        runs.
+        is running.
         """
         left = await self._running.execute(claim, self._line)
         if self._line or self._turn.locked():

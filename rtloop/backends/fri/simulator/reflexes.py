@@ -11,7 +11,7 @@ from rtloop.backends.simulators.reflexes import MAX_WRENCH
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 ECHO_RAD = 1e-3
-"""Maximum distance of a command from the interpolator while the motion waits, rad."""
+"""Maximum distance of a command from the interpolator while the motion is waiting, rad."""
 
 
 def usable(command: CommandMessage, mode: CommandMode, dof: int) -> bool:

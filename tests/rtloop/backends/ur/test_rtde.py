@@ -70,7 +70,7 @@ def test_a_stream_is_split_however_it_is_cut() -> None:
     [
         (b"", "a data package has 0 bytes, expected 9"),
         (b"\x01" + b"\x00" * 9, "has 10 bytes"),
-        (b"\x02" + b"\x00" * 8, "the recipe 2, but 1 was agreed"),
+        (b"\x02" + b"\x00" * 8, "recipe 2, expected 1"),
     ],
 )
 def test_other_data_packages_are_rejected(payload: bytes, found: str) -> None:
