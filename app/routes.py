@@ -87,8 +87,8 @@ def install(
 ) -> None:
     """Add the routes of all enabled endpoints, with priority over the existing routes.
 
-    Routes are matched one after the other, so the routes of the documentation come last. `include_router` is
-    not used, because FastAPI would then match nested routers in each request.
+    Routes are tried in turn, so the documentation's routes come last. `include_router` is not used, because
+    FastAPI would then match nested routers in each request.
 
     Args:
         endpoints: the endpoints by name, with the user's changes.

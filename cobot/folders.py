@@ -38,7 +38,7 @@ def open_new(path: Path) -> BinaryIO:
     written through a link or into a file of a different user.
 
     Raises:
-        OSError: the file cannot be created, or a file with this name was created meanwhile.
+        OSError: the file cannot be created, or a file with this name was created in the meantime.
     """
     path.unlink(missing_ok=True)
     return path.open("xb")  # mode x does not follow links

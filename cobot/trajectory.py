@@ -173,7 +173,7 @@ class Trajectory:
 
     def excesses(self, derivative: int, low: Array, high: Array) -> tuple[Integers, Integers, Array]:
         """All segments and joints whose extremum leaves the range from `low` to `high`, shape (dof,) each, in
-        their order, and the values. The results have the shape (m,) each.
+        order, and the values. The results have the shape (m,) each.
         """
         rows = self.coefficients
         if derivative > 0:

@@ -88,7 +88,7 @@ class TrajectoryRun:
             raise self.cause
 
     async def sleep(self, seconds: float) -> None:
-        """Sleep for a time. If the run has to end, the sleep ends at once and the cause is raised."""
+        """Sleep for a given time. If the run has to end, the sleep ends at once and the cause is raised."""
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(self._interrupted.wait(), max(seconds, 0.0))
         self.proceed()

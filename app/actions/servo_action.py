@@ -18,7 +18,7 @@ from cobot.ipc.layout import ServoMode
 
 FEEDBACK_S = 0.05
 DEFINITION = """\
-# Hold a servo session open. Points are sent to joint_cmd meanwhile.
+# Hold a servo session open. Meanwhile, points are sent to joint_cmd.
 int32 mode                # 1 to 7, see docs/servo.md
 float64 watchdog_timeout  # s, without a point for so long the session ends; 0: 0.5 s
 float64 send_period       # s, how often points come; 0: the control period

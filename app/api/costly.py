@@ -1,9 +1,8 @@
-"""Answers that take milliseconds to compute. They are computed one after the other, with pauses for other
-requests.
+"""Answers that take milliseconds to compute. They are computed one at a time, with pauses for other requests.
 
-The event loop also serves the clients that stop the arm, so nothing may occupy it for long. `app.listeners`
-limits the time for reading one connection. This module limits the time for short requests whose answers take
-long to compute.
+The event loop also serves the clients that stop the arm, so nothing may occupy it for a long time.
+`app.listeners` limits the time for reading one connection. This module limits the time spent on short
+requests whose answers take long to compute.
 """
 
 from __future__ import annotations

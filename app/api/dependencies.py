@@ -133,7 +133,7 @@ class Call:
 
 
 def kept_body(body: BaseModel) -> tuple[str, dict[str, Any] | None]:
-    """The body of a request as text, and in the form in which a job stores it; None if it is too long."""
+    """The body of a request as text, and as a job stores it; None if it is too long."""
     text = body.model_dump_json(exclude_unset=True, by_alias=True)
     return text, json.loads(text) if len(text) <= MAX_BODY else None
 

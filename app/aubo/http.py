@@ -1,6 +1,6 @@
 """Vendor services over HTTP. One route serves all services, while the documentation lists one path for each.
 
-With two hundred routes, each request would be compared with one after the other. The validation of requests,
+With two hundred routes, each request would be compared with every route in turn. The validation of requests,
 `registry.bind`, is the same for every transport.
 """
 

@@ -33,7 +33,7 @@ async def modbus_add_signal(
         signal_address: address of the value, from 0 to 65535.
         signal_type: 0 digital input, 1 digital output, 2 register input, 3 register output.
         signal_name: name of the signal in the other calls.
-        sequential_mode: ignored; requests to a device are always sent one after the other.
+        sequential_mode: ignored; requests to a device are always sent one at a time.
     """
     if device_info.lstrip().lower().startswith(("rtu", "/dev")):
         raise NotSupportedError(
@@ -47,7 +47,7 @@ def modbus_delete_signal(robot: Services, signal_name: str) -> None:
     """Delete a signal, and stop reading it.
 
     Args:
-        signal_name: its name.
+        signal_name: name of the signal.
     """
     robot.equipment.modbus.remove(signal_name)
 
@@ -63,7 +63,7 @@ def modbus_get_signal_status(robot: Services, signal_name: str) -> int:
     """The value of a signal when it was last read. Fails if its device did not answer then.
 
     Args:
-        signal_name: its name.
+        signal_name: name of the signal.
 
     Returns:
         0 or 1, or the register's value from 0 to 65535.
@@ -76,7 +76,7 @@ def modbus_get_signal_names(robot: Services) -> list[str]:
     """The names of all signals.
 
     Returns:
-        the names, in the order in which they were added. All lists of signals have this order.
+        the names, in the order of their addition. All lists of signals have this order.
     """
     return [signal.name for signal in robot.equipment.modbus.signals()]
 
@@ -116,7 +116,7 @@ def modbus_get_signal_error(robot: Services, signal_name: str) -> str:
     """The reason why the value of a signal is not current.
 
     Args:
-        signal_name: its name.
+        signal_name: name of the signal.
 
     Returns:
         the reason; empty if the value is current.
@@ -129,7 +129,7 @@ async def modbus_set_output_signal(robot: Services, signal_name: str, value: int
     """Set a digital or register output; answers when the device has confirmed it.
 
     Args:
-        signal_name: its name.
+        signal_name: name of the signal.
         value: 0 or 1 for a digital output, 0 to 65535 for a register.
     """
     await robot.equipment.modbus.write(signal_name, value)
@@ -140,7 +140,7 @@ def modbus_set_signal_update_frequency(robot: Services, signal_name: str, update
     """Set how often a signal is read. A slow device is read as often as it answers.
 
     Args:
-        signal_name: its name.
+        signal_name: name of the signal.
         update_frequency: frequency, Hz, from 0.01 to 100.
     """
     robot.equipment.modbus.set_frequency(signal_name, update_frequency)

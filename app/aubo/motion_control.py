@@ -1,7 +1,7 @@
 """MotionControl: motions in a queue, see `app.services.motion.queue.motion_queue`, and servo modes.
 
-Poses are those of the tool's tip, see RobotConfig/setTcpOffset, in the base frame. This module is long
-because the docstring of each service is also its schema, so similar services repeat the same descriptions.
+Poses refer to the tool's tip, see RobotConfig/setTcpOffset, in the base frame. This module is long because
+the docstring of each service is also its schema, so similar services repeat the same descriptions.
 """
 
 from __future__ import annotations

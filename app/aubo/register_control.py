@@ -61,7 +61,7 @@ def _add_variable(kind: str) -> None:
     read.__doc__ = f"""Read a named variable, {kind}.
 
     Args:
-        key: its name.
+        key: name of the variable.
         default_value: the result if there is no such variable.
 
     Returns:
@@ -70,7 +70,7 @@ def _add_variable(kind: str) -> None:
     write.__doc__ = f"""Write a named variable, {kind}, whatever its previous type. Restarts its watchdog.
 
     Args:
-        key: its name.
+        key: name of the variable.
         value: the new value.
     """
     of_kind = type(_VARIABLES[kind])
@@ -89,10 +89,10 @@ for _kind in _VARIABLES:
 
 @service(CLASS)
 def has_named_variable(robot: Services, key: str) -> bool:
-    """Whether there is a named variable of this name.
+    """Whether there is a named variable with this name.
 
     Args:
-        key: its name.
+        key: name of the variable.
 
     Returns:
         true if it exists.
@@ -105,7 +105,7 @@ def get_named_variable_type(robot: Services, key: str) -> str:
     """The type of a named variable.
 
     Args:
-        key: its name.
+        key: name of the variable.
 
     Returns:
         bool, int32, float, double or string; empty if there is no such variable.
@@ -128,7 +128,7 @@ def clear_named_variable(robot: Services, key: str) -> None:
     """Delete a named variable.
 
     Args:
-        key: its name.
+        key: name of the variable.
     """
     robot.equipment.variables.remove(key)
 
@@ -157,7 +157,7 @@ def get_watch_dog_timeout(robot: Services, key: str) -> float:
     """The timeout of a watchdog.
 
     Args:
-        key: its name.
+        key: name of the variable.
 
     Returns:
         the timeout, s; 0 if there is no such watchdog.
@@ -171,7 +171,7 @@ def get_watch_dog_action(robot: Services, key: str) -> int:
     """The action of a watchdog.
 
     Args:
-        key: its name.
+        key: name of the variable.
 
     Returns:
         the action, see setWatchDog; 0 if there is no such watchdog.
@@ -185,7 +185,7 @@ def is_watch_dog_expired(robot: Services, key: str) -> bool:
     """Whether a watchdog has expired and its variable has not been written since.
 
     Args:
-        key: its name.
+        key: name of the variable.
 
     Returns:
         true if it has expired; false if there is no such watchdog.

@@ -156,7 +156,7 @@ def set_joint_min_positions(robot: Services, positions: list[float]) -> None:
     """Raise each joint's minimum position.
 
     Args:
-        positions: minimum positions, rad, one for each joint, not below those of the configuration.
+        positions: minimum positions, rad, one for each joint, not below the configured ones.
     """
     least = _each(robot, positions, "positions")
     _require(robot, least, robot.robot.limits.min_position, "positions", "rad", least=True)
@@ -169,7 +169,7 @@ def set_joint_max_positions(robot: Services, positions: list[float]) -> None:
     """Lower each joint's maximum position.
 
     Args:
-        positions: maximum positions, rad, one for each joint, not above those of the configuration.
+        positions: maximum positions, rad, one for each joint, not above the configured ones.
     """
     most = _each(robot, positions, "positions")
     _require(robot, most, robot.robot.limits.max_position, "positions", "rad")
@@ -182,7 +182,7 @@ def set_joint_max_speeds(robot: Services, speeds: list[float]) -> None:
     """Lower each joint's maximum velocity.
 
     Args:
-        speeds: rad/s, one for each joint, above 0 and not above those of the configuration.
+        speeds: rad/s, one for each joint, above 0 and not above the configured ones.
     """
     most = _rates(robot, speeds, robot.robot.limits.max_velocity, "speeds", "rad/s")
     _set(robot, replace(_limits(robot), max_velocity=most))
@@ -193,7 +193,7 @@ def set_joint_max_accelerations(robot: Services, accelerations: list[float]) -> 
     """Lower each joint's maximum acceleration.
 
     Args:
-        accelerations: rad/s², one for each joint, above 0 and not above those of the configuration.
+        accelerations: rad/s², one for each joint, above 0 and not above the configured ones.
     """
     most = _rates(robot, accelerations, robot.robot.limits.max_acceleration, "accelerations", "rad/s²")
     _set(robot, replace(_limits(robot), max_acceleration=most))
@@ -204,7 +204,7 @@ def set_tcp_max_speeds(robot: Services, speeds: list[float]) -> None:
     """Lower the maximum velocities of the tool's tip along lines and arcs.
 
     Args:
-        speeds: [m/s, rad/s], above 0 and not above those of the configuration.
+        speeds: [m/s, rad/s], above 0 and not above the configured ones.
     """
     whole = robot.robot.cartesian_limits
     linear, angular = _pair(speeds, (whole.max_linear_velocity, whole.max_angular_velocity), "speeds")
@@ -217,7 +217,7 @@ def set_tcp_max_accelerations(robot: Services, accelerations: list[float]) -> No
     """Lower the maximum accelerations of the tool's tip along lines and arcs.
 
     Args:
-        accelerations: [m/s², rad/s²], above 0 and not above those of the configuration.
+        accelerations: [m/s², rad/s²], above 0 and not above the configured ones.
     """
     whole = robot.robot.cartesian_limits
     most = (whole.max_linear_acceleration, whole.max_angular_acceleration)

@@ -129,7 +129,7 @@ def set_operational_mode(robot: Services, mode: str) -> None:
     """Not supported: the only mode is Automatic.
 
     Args:
-        mode: its name.
+        mode: name of the mode.
     """
     del robot
     if mode != "Automatic":

@@ -1,6 +1,6 @@
 """RobotState: the current state of the arm.
 
-Poses are those of the tool's tip, see RobotConfig/setTcpOffset, in the base frame.
+Poses refer to the tool's tip, see RobotConfig/setTcpOffset, in the base frame.
 """
 
 from __future__ import annotations

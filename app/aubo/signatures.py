@@ -47,8 +47,8 @@ def find_kind(where: str, name: str, annotation: Any, function: Function) -> str
 
 
 def parse_docstring(where: str, function: Function) -> tuple[str, dict[str, str], str]:
-    """Split a docstring into the summary with its further sentences, the description of each argument, and
-    that of the result.
+    """Split a docstring into the summary with its further sentences, and the descriptions of the arguments
+    and the result.
     """
     text = inspect.getdoc(function)
     if not text:

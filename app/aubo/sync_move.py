@@ -101,7 +101,7 @@ def axis_group_delete(robot: Services, name: str) -> None:
     """Delete a group.
 
     Args:
-        name: its name.
+        name: name of the group.
     """
     robot.sync.group(name)
     del robot.sync.groups[name]
@@ -112,7 +112,7 @@ def axis_group_get_names(robot: Services) -> list[str]:
     """The names of all groups.
 
     Returns:
-        the names, in the order in which they were added.
+        the names, in the order of their addition.
     """
     return list(robot.sync.groups)
 

@@ -40,7 +40,7 @@ async def _bridge(url: str) -> None:
     ):
         tasks.start_soon(_forward, from_service, to_agent)
         await _forward(from_agent, to_service)
-        # The agent has disconnected. This process ends, and its requests with it, and so does a motion.
+        # The agent has disconnected. This process ends, which ends its requests and any motion.
         tasks.cancel_scope.cancel()
         await to_agent.aclose()  # otherwise the library would wait for more to write
 

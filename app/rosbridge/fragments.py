@@ -65,7 +65,7 @@ class MessageAssembly:
 
 
 def in_pieces(text: str, size: int | None, name: str) -> Iterator[str]:
-    """Return a message in the form in which it is sent: as a whole, or as fragments of `size` characters."""
+    """Return a message as it is sent: as a whole, or as fragments of `size` characters."""
     if size is None or len(text) <= size:
         yield text
         return

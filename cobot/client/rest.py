@@ -356,7 +356,7 @@ class Client(ForceMoves, Steps, EventConnection):
             base: number of the version on which this version is based; None for a new program.
 
         Raises:
-            ChangedError: another client saved a version meanwhile; the message names it.
+            ChangedError: another client has saved a version in the meantime; the message names it.
         """
         body = {"label": label, "kind": kind, "note": note}
         body["text"] = text if isinstance(text, str) else json.dumps(dict(text), ensure_ascii=False, indent=1)

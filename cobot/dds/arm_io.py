@@ -219,7 +219,7 @@ class UrIo(ServiceIo):
 class PolledIo(ServiceIo):
     """An `ArmIo` for a driver whose values must be read repeatedly.
 
-    If the driver cannot read an output, the value is the one that the driver has last confirmed.
+    If the driver cannot read an output, the value is the last one that the driver confirmed.
     """
 
     def __init__(

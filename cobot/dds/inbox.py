@@ -40,7 +40,7 @@ class LossCounter:
 
 
 class SampleInbox:
-    """Passes the samples of one reader to a callback in the event loop, in the order in which they arrived.
+    """Passes the samples of one reader to a callback in the event loop, in order of arrival.
 
     Args:
         name: name of the topic or service.

@@ -27,7 +27,7 @@ MAX_MESSAGES = 20_000
 ANSWER_S = 20.0
 """Maximum time for which a retry waits for the answer to the first try, s."""
 AHEAD_S = 1.0
-"""A command may have been issued at most this much later than the hub's time as this cell knows it, s."""
+"""Maximum time, s, by which a command may have been issued after the hub's time as this cell knows it."""
 
 
 @dataclass(frozen=True, slots=True)

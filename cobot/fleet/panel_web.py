@@ -256,7 +256,7 @@ class PanelApp:
             panel.sockets -= 1
 
     async def _send_up(self, browser: WebSocket, panel: OpenPanel, stream: str) -> None:
-        """Forward the messages from a browser, one after the other."""
+        """Forward the messages from a browser in order."""
         while (message := await browser.receive())["type"] == "websocket.receive":
             text = message.get("text")
             wish = SendMessage(kind="send", stream=stream, is_text=text is not None)

@@ -55,7 +55,7 @@ class File:
 
 
 def files(command: Sequence[str]) -> list[File]:
-    """All files, in the order in which they are written.
+    """All files, in the order of writing.
 
     Args:
         command: command that starts cobot, without arguments.

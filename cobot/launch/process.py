@@ -31,8 +31,8 @@ AUTOGROUP_TRIES, AUTOGROUP_PAUSE_S = 10, 0.1
 
 MIN_DESCRIPTORS = 64
 MIN_ADDRESS_SPACE = 1 << 30
-"""Minimum address space of a process, in bytes. The largest process uses 0.8 GB on two cores; libraries
-reserve most of it.
+"""Minimum address space of a process, in bytes. The largest process uses 0.8 GB on two cores, most of it
+reserved by libraries.
 """
 
 

@@ -59,7 +59,7 @@ class RotatingFile:
             self._descriptor = -1
 
     def open(self) -> None:
-        """Open the file if needed. A file that was moved or deleted meanwhile is created again.
+        """Open the file if needed. A file that was moved or deleted in the meantime is created again.
 
         Raises:
             OSError: the file cannot be opened or created.

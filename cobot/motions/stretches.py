@@ -1,5 +1,5 @@
-"""Stretches, for planning processes: motions that the arm executes as one, and the data that is needed to
-extend them.
+"""Stretches, for planning processes: motions that the arm executes as one, and the data needed to extend
+them.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Corner:
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Motions as one trajectory, and the data that is needed to extend it. Picklable.
+    """Motions as one trajectory, and the data needed to extend it. Picklable.
 
     Attributes:
         trajectory: the motion from rest at the start of the first motion, or from a place on the trajectory

@@ -3,8 +3,8 @@
 Planners do not fall back to each other: what a planner cannot do is an error. Only auto tries several
 planners; the trajectory's note names the chosen one and the reason.
 
-OMPL and scipy are imported only when used, because importing them takes long. A planning process then starts
-in half the time, and ptp, the most frequent planner, needs neither.
+OMPL and scipy are imported only when used, because importing them takes a long time. A planning process then
+starts in half the time, and ptp, the most frequent planner, needs neither.
 """
 
 from __future__ import annotations

@@ -106,8 +106,8 @@ def _plan_idea(robot: RobotDescription, request: MotionRequest, idea: Idea) -> f
 def _ideas(
     robot: RobotDescription, request: MotionRequest, error: CobotError
 ) -> Iterator[tuple[Kind, Iterator[Idea]]]:
-    """The ideas of each kind, the most promising kinds first. Finding the ideas of a kind may take long, so
-    it begins with the first one of them.
+    """The ideas of each kind, the most promising kinds first. Finding the ideas of a kind may take a long
+    time, so it begins with the first one of them.
     """
     checks = {found.check for found in error.findings}
     if isinstance(error, LimitError) and _at_start(error):  # the client gave this start; the arm is not there
@@ -304,7 +304,7 @@ def _shorter(robot: RobotDescription, request: MotionRequest, error: CobotError)
         return
     most, line = max(shares), straight_line(robot.model.forward(request.start), request.goal)
     if robot.model.kinematics(request.free_axes).arm_angle is None:
-        # Few lines lead as far as a search with many joint angles, and each trial takes long.
+        # Few lines lead as far as a search with many joint angles, and each trial takes a long time.
         simple = share_along(robot, request.start, replace(line, free=request.free_axes))
         most = simple if SHORT_OF[0] * simple >= MIN_SHARE else most
     for part in SHORT_OF:

@@ -26,8 +26,8 @@ from cobot.recording.messages import TOPICS, RecordMessages
 from cobot.recording.store import UNFINISHED
 
 CHUNK_BYTES = 1 << 20
-"""Uncompressed size of a chunk in bytes. A recorder that is killed loses at most this much, because it passes
-whole chunks to the operating system.
+"""Uncompressed size of a chunk in bytes. A killed recorder loses at most this amount, because it passes whole
+chunks to the operating system.
 """
 
 

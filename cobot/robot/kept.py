@@ -1,5 +1,5 @@
-"""A document on disk that is replaced atomically. If the process is killed meanwhile, either the old or the
-new document remains. Only the owner of the file may read it.
+"""A document on disk that is replaced atomically. If the process is killed during the write, either the old
+or the new document remains. Only the owner of the file may read it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def keep(path: Path, content: bytes, what: str) -> None:
 def stage(path: Path, content: bytes, what: str) -> Callable[[], None]:
     """Write the content to a second file on disk, and return the function that replaces the file with it.
 
-    If this function is not called, the next content takes the place of this one.
+    If that function is not called, the next content replaces this one.
 
     Raises:
         UnavailableError: see `keep`. The returned function may raise it, too.

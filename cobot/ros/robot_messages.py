@@ -23,7 +23,7 @@ WRENCH = "geometry_msgs/msg/WrenchStamped"
 STRING = "std_msgs/msg/String"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 MEASURED = ("position", "velocity", "effort")
-"""The arrays of a JointState message, in their order."""
+"""The arrays of a JointState message, in order."""
 
 
 class RobotMessages:

@@ -1,4 +1,4 @@
-"""Runs the steps of sequences over REST, one after the other."""
+"""Runs the steps of sequences over REST, one at a time."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ ended on request.
 The program sees only values, tables and Lua functions, which `sandbox.lua` defines. A program may catch
 errors; `sandbox.lua` ensures that it does not catch the request to end. While a program is inside one long
 function of Lua itself (for example for a hostile string pattern), it executes no instructions, so it does not
-notice a request to end. Code that ends a program must therefore not wait for it for ever.
+notice a request to end. Code that ends a program must therefore not wait for it indefinitely.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class ProgramWatch:
         return ready()
 
     def sleep(self, seconds: float) -> None:
-        """Wait for a time, s.
+        """Wait for a given time, s.
 
         Raises:
             Stopping: the program must end.

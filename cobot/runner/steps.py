@@ -120,7 +120,7 @@ class WaitForStep(Step):
 
 
 class WaitStep(Step):
-    """Wait for a time."""
+    """Wait for a given time."""
 
     wait_s: Seconds = Field(description="Duration, s.")
 

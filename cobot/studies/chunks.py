@@ -69,8 +69,8 @@ def digest(content: bytes) -> str:
 
 
 def joined(parts: Sequence[Columns]) -> dict[str, Column]:
-    """The columns of all parts, one after the other. Values that are missing in a part become NaN, 0, false
-    or "".
+    """The columns of all parts, concatenated. Values that are missing in a part become NaN, 0, false or
+    "".
     """
     names = sorted({name for part in parts for name in part})
     for name in names:

@@ -37,8 +37,8 @@ def keys_of_answer(document: Mapping[str, Any]) -> set[str]:
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """A study in the form in which it is sent to workers, which create it again from its document. It can be
-    pickled, even for workers on different computers.
+    """A study as it is sent to workers, which recreate it from its document. It can be pickled, even for
+    workers on different computers.
 
     Attributes:
         contents: hashes of everything on which the results depend, by names for people.

@@ -58,6 +58,6 @@ def examine(cell: CheckedBackend, check: str) -> CheckResult:
 
 
 def run(cell: CheckedBackend) -> Iterator[CheckResult]:
-    """Run all checks, one after the other."""
+    """Run all checks, one at a time."""
     for check in CHECKS:
         yield examine(cell, check)

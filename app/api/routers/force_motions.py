@@ -109,7 +109,7 @@ router = EndpointRouter(tags=["force"])
 
 @router.endpoint("POST /robot/force/press", Role.OPERATOR, timeout_s=60.0, control=True, **FORCE)
 async def press(body: PressMotion, request: Request, gone: Gone, wait: Wait = True) -> Answer:
-    """Approach until the TCP touches, then hold a force for a time."""
+    """Approach until the TCP touches, then hold a force for a given time."""
     return await _run(body, request, gone, wait)
 
 

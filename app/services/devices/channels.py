@@ -166,7 +166,7 @@ class Channels:
             raise ConflictError(f"{MAX_OPEN} of the kind {self._kind} are already open, which is the maximum")
 
     def add(self, name: str, channel: Channel) -> None:
-        """Keep the channel, unless the name has meanwhile been used."""
+        """Keep the channel, unless the name has been taken in the meantime."""
         try:
             self.require_place(name)
             program = CLIENT.get().sequence

@@ -63,9 +63,7 @@ class Signal:
 
 
 class ModbusDevice:
-    """A connection to a device, and the task that reads the device's signals one after the other, one request
-    at a time.
-    """
+    """A connection to a device, and the task that reads the device's signals, one request at a time."""
 
     def __init__(self, host: str, port: int) -> None:
         self.host = host

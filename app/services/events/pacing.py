@@ -14,7 +14,7 @@ millisecond.
 
 
 class Pacing:
-    """The listeners that wait to be woken, in the order in which they arrived."""
+    """The listeners that wait to be woken, in order of arrival."""
 
     def __init__(self) -> None:
         self._waiting: dict[asyncio.Event, None] = {}

@@ -68,7 +68,7 @@ PLACE = re.compile(r"(?:([0-9a-f]{8})-)?([0-9]{1,20})")
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """An event in the form in which it is sent.
+    """An event as it is sent.
 
     Attributes:
         number: consecutive number, starting at 1 each time the service starts; None for an event outside the

@@ -262,7 +262,7 @@ class GripperService:
             worker.tell(lambda gripper: gripper.stop())
 
     def _note(self, command: AnyGripperCommand, state: GripperState, *, good: bool) -> None:
-        """Publish what a command that has ended has grasped or released."""
+        """Publish the objects that a finished command has grasped or released."""
         if isinstance(command, GripperGrasp):
             if good and missed(state) is None:
                 self._note_grasp(state)

@@ -31,7 +31,7 @@ MIN_SLICE_S = 0.002
 """Time below which a slice is not worth its transfer to a process, s."""
 OVERTIME_S = 1.0
 """Time to wait for a slice after the end of the budget, s. Other requests may occupy all planning processes,
-and an attempt may take long.
+and an attempt may take a long time.
 """
 
 log = logging.getLogger("cobot.planning")
@@ -52,7 +52,7 @@ async def plan_within_budget(
     budget_s: float,
 ) -> Trajectory | Improving | None:
     """Plan a motion, and use the rest of the budget, s, to find faster ones. If the scene or the tool changes
-    meanwhile, planning begins again.
+    meanwhile, planning starts over.
 
     Raises:
         CobotError: an error of `plan_first`.
@@ -81,9 +81,9 @@ async def improve_within(
     budget_s: float,
     is_unchanged: Callable[[], bool],
 ) -> Trajectory | Improving:
-    """Search for faster motions for a time, s, and return the fastest one. The search ends early when no
-    faster motion can be found, the scene or the tool has changed, or no planning process is free. It ends at
-    most `OVERTIME_S` late.
+    """Search for faster motions for a given time, s, and return the fastest one. The search ends early when
+    no faster motion can be found, the scene or the tool has changed, or no planning process is free. It ends
+    at most `OVERTIME_S` late.
     """
     until_s, left_s = clock.now_s() + budget_s, budget_s
     while request.traits.way is Way.SEARCH and left_s >= MIN_SLICE_S and is_unchanged():

@@ -56,8 +56,8 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 
 DRAW_S = 10.0
-"""Timeout for a picture, including the wait for other pictures and for a process, s. Drawing itself takes a
-fiftieth of it.
+"""Timeout for a picture, including the wait for other pictures and for a process, s. Drawing itself takes 0.2
+s.
 """
 
 

@@ -113,7 +113,8 @@ class RetargetService:
                 or has control, or the change came too late.
             InputError: the goal is relative to the TCP, or has actions or conditions.
             PlanningError: the goal cannot be reached from the point of the change, or the path is not free.
-            MotionStopped: a stop was requested meanwhile, or the scene has changed and the new motion stops.
+            MotionStopped: a stop was requested in the meantime, or the scene has changed and the new motion
+                stops.
             UnavailableError: see `Commands.replace`.
         """
         claim = self._claim_of(job)
@@ -264,7 +265,7 @@ class RetargetService:
         """Make the real-time loop continue with the new trajectory.
 
         Raises:
-            ConflictError: the motion has ended meanwhile.
+            ConflictError: the motion has already ended.
             ExecutionError: the real-time loop rejects the trajectory, for example because the arm has passed
                 the point of the change; or the motion was interrupted, and the arm stops on the path that it
                 is on.

@@ -84,8 +84,8 @@ class _Remaining:
 
 
 class SceneService:
-    """Keeps the scene. Changes are made one after the other. Each change is first written to disk, then
-    applied, then answered.
+    """Keeps the scene. Changes are made one at a time. Each change is first written to disk, then applied,
+    then answered.
 
     Attributes:
         turn: lock that is held while the data of the collision checker changes.
@@ -269,7 +269,7 @@ class SceneService:
         return replace(scene, objects={**scene.objects, **fixed})
 
     async def _carry(self, scene: Scene, state: RobotState, name: str) -> Changed:
-        """Apply a scene that changes the load of the arm. Nothing moves and nothing is planned meanwhile."""
+        """Apply a scene that changes the load of the arm. Meanwhile nothing moves, and nothing is planned."""
         if state.mode not in RESTING:
             raise ConflictError(
                 f"the arm moves (mode {state.mode.name}); its load can be changed only while it is at rest",

@@ -33,7 +33,7 @@ class _Sync:
 
     Attributes:
         waiting: parts of incomplete segments, by the number of the segment and by robot.
-        turn: lock that makes segments run one after the other.
+        turn: lock that makes segments run one at a time.
     """
 
     robots: tuple[str, ...]

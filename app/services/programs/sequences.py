@@ -136,7 +136,7 @@ class SequenceService:
 
         Raises:
             ConflictError: a sequence is running, or another client is moving the arm.
-            MotionStopped: a stop was requested meanwhile.
+            MotionStopped: a stop was requested in the meantime.
             InputError: the recording would be outside the recordings folder.
             UnavailableError: the process cannot be started.
         """

@@ -172,7 +172,7 @@ class StoredPrograms:
             base: number of the version that was edited; None for a new program.
 
         Raises:
-            ChangedError: a newer version was saved meanwhile, or the program already exists, or it was
+            ChangedError: a newer version was saved in the meantime, or the program already exists, or it was
                 deleted.
             InputError: the id is invalid, or the text is not a JSON object.
             ConflictError: there are too many programs, their folder is too large, or the program is an
@@ -200,7 +200,7 @@ class StoredPrograms:
 
         Raises:
             NotFoundError: there is no such program.
-            ChangedError: another version was saved meanwhile.
+            ChangedError: another version was saved in the meantime.
             ConflictError: the program is an example.
             UnavailableError: the disk does not permit it.
         """

@@ -1,6 +1,4 @@
-"""A job: one motion from its request to its end, in the form in which people and programs follow its
-progress.
-"""
+"""A job: one motion from its request to its end, as people and programs follow its progress."""
 
 from __future__ import annotations
 

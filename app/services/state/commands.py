@@ -31,7 +31,7 @@ IN_THREAD_SEGMENTS = 2000
 
 
 class Commands:
-    """Sends commands one after the other, and waits for rtloop's answer to each.
+    """Sends commands one at a time, and waits for rtloop's answer to each.
 
     Attributes:
         handed_over: the number and the trajectory of the last motion that was sent to rtloop.

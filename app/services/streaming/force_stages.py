@@ -143,7 +143,7 @@ def approach(push: Push) -> Stage:
 
 
 def hold(push: Push, duration_s: float, felt: Callable[[float], None]) -> Stage:
-    """Hold the force for a time.
+    """Hold the force for a given time.
 
     Args:
         felt: called with each measured force, N.

@@ -40,7 +40,7 @@ class Search:
 LEVER_M = 0.05
 """Lever that converts an angle of a tilt to a distance, m, so that one speed fits all patterns."""
 LEANINGS = 12
-"""Number of directions in which a tilt leans, one after the other."""
+"""Number of directions in which a tilt leans in turn."""
 
 
 def spiral(radius_m: float, pitch_m: float) -> Search:

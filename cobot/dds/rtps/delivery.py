@@ -14,9 +14,7 @@ _LAST_CALLBACK_S = 5.0
 
 
 class Delivery:
-    """Makes one call at a time, in the order in which the calls were queued. An error in a callback is logged
-    and counted.
-    """
+    """Makes the queued calls one at a time, in order. An error in a callback is logged and counted."""
 
     def __init__(self, statistics: ParticipantStatistics) -> None:
         self._statistics = statistics

@@ -1,9 +1,9 @@
 """Straight TCP lines from pose to pose, with blends.
 
 Each leg has a progress over the path parameter, and the TCP pose is the sum of all progresses: positions add
-up, orientations turn one after the other. In a blend, the progress of one leg ends while the progress of the
-next leg begins. Each progress is a quintic with two continuous derivatives, so the blend is a quintic Bezier
-curve that stays between its legs.
+up, orientations turn in sequence. In a blend, the progress of one leg ends while the progress of the next leg
+begins. Each progress is a quintic with two continuous derivatives, so the blend is a quintic Bezier curve
+that stays between its legs.
 """
 
 from __future__ import annotations

@@ -79,7 +79,7 @@ def improve(
     max_tries: float = np.inf,
     clock: Callable[[], float] | None = None,
 ) -> Improving:
-    """Try to find faster motions for a time, s, or for a number of tries. The last try may end later than the
+    """Try to find faster motions for a given time, s, or number of tries. The last try may end later than the
     time.
     """
     clock = clock or time.monotonic

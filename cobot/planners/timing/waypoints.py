@@ -34,7 +34,7 @@ UNASKED_STRETCH = 1.05
 ASIDE = 0.1
 """Share of the delay at each end that is left out when the slow interval is reported."""
 FEW = 5_000
-"""With more points than this, slowing down evenly is not tried first, because it takes long."""
+"""With more points than this, slowing down evenly is not tried first, because it takes a long time."""
 
 
 def plan_waypoints(robot: RobotDescription, request: WaypointRequest) -> Trajectory:

@@ -78,7 +78,7 @@ class Body:
             parent.
         part: "robot", "tool" or "scene".
         pose: pose in the parent's frame, with all its joints at their references.
-        joints: joints that move the body, in their order.
+        joints: joints that move the body, in order.
     """
 
     name: str

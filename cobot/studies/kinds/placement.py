@@ -167,7 +167,7 @@ class _Surroundings:
 
 @dataclass(slots=True)
 class _PlacementKernel:
-    """Evaluates placements one after the other, by moving the same robot."""
+    """Evaluates placements one at a time, by moving the same robot."""
 
     study: PlacementStudy
     robot: RobotDescription

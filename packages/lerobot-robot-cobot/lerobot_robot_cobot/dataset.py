@@ -19,7 +19,7 @@ STATE, ACTION, IMAGES = "observation.state", "action", "observation.images."
 
 
 def to_dataset(files: Sequence[Path], repo_id: str, root: Path, *, videos: bool = True) -> Any:
-    """One dataset of all episodes, in their order.
+    """One dataset of all episodes, in order.
 
     Args:
         root: a folder that does not exist yet.

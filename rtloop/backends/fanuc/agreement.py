@@ -29,7 +29,7 @@ their rounding errors.
 def face_plate(packet: StatusPacket) -> Pose | None:
     """Return the reported pose of the face plate in the world frame; None if the controller reports none.
 
-    W, P and R are rotations about the fixed axes x, y and z, one after the other.
+    W, P and R are successive rotations about the fixed axes x, y and z.
     """
     x, y, z, w, p, r = packet.pose[:6]
     if not all(map(math.isfinite, packet.pose[:6])) or not any(packet.pose[:6]):

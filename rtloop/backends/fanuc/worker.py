@@ -12,7 +12,7 @@ ResultT = TypeVar("ResultT")
 
 
 class RmiWorker:
-    """Runs jobs one after the other, in a separate thread without real-time priority."""
+    """Runs jobs one at a time, in a separate thread without real-time priority."""
 
     def __init__(self, *, threaded: bool = True) -> None:
         """

@@ -47,9 +47,7 @@ class Network:
         return self._take_due(self._out)
 
     def spoil_packet(self, packet: bytes) -> bytes:
-        """Return the packet in the form in which it arrives at the client. Each protocol corrupts it in its
-        own way.
-        """
+        """Return the packet as it arrives at the client. Each protocol corrupts it in its own way."""
         return packet
 
     def from_client(self, packet: bytes) -> list[bytes]:

@@ -1,1 +1,1 @@
-"""The motion queue. Moves wait in it, are planned and joined, and are executed in their order."""
+"""The motion queue. Moves wait in it, are planned and joined, and are executed in order."""

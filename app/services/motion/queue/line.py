@@ -1,4 +1,4 @@
-"""The waiting moves of a queue, in their order.
+"""The waiting moves of a queue, in order.
 
 The first moves are planned, each from the end of the previous one. When a move is removed, the moves after it
 become loose, which means that they wait to be planned again. Removing a move never waits. If planning of a
@@ -166,7 +166,7 @@ class QueueLine:
             self._planning.cancel()
 
     async def _plan_from_end(self, claim: Claim, number: int, request: QueueRequest) -> QueuedMove | None:
-        """Plan a move that begins at `end`; None if a move was removed meanwhile."""
+        """Plan a move that begins at `end`; None if a move was removed in the meantime."""
         cuts = self._cuts
         planning = asyncio.create_task(self._planner.plan_move(claim, number, request, self.end))
         self._planning = planning

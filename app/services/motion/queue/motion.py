@@ -54,7 +54,7 @@ class _Phase(Enum):
 
 
 class QueueMotion:
-    """Executes the motions of one robot's queue, one after the other.
+    """Executes the motions of one robot's queue, one at a time.
 
     Attributes:
         moves: the moves of the current or the last motion that have not ended, in the order of execution.
@@ -355,7 +355,7 @@ class QueueMotion:
         radii: Sequence[float],
         times_s: tuple[float, float],
     ) -> Stretch | None:
-        """Plan the current motion extended with the new moves; None if a move was dropped meanwhile."""
+        """Plan the current motion extended with the new moves; None if a move was dropped in the meantime."""
         work = self._planner.prolong(claim, stretch, legs, radii, times_s)
         planning = self._planning = asyncio.create_task(work)
         try:

@@ -1,4 +1,4 @@
-"""The motion queue: moves are accepted at once and executed in their order, in the background.
+"""The motion queue: moves are accepted at once and executed in order, in the background.
 
 The queue holds the claim on the arm from its first move until it is empty. Waiting moves are executed as one
 motion, which is extended while the arm moves; see the module `motion`. A move with a blend radius that takes
@@ -125,7 +125,7 @@ class MotionQueue:
         Raises:
             InputError, PlanningError: the move is impossible. Earlier moves continue.
             ConflictError: another client is moving the arm or has control, or the queue is full.
-            MotionStopped: a stop was requested meanwhile.
+            MotionStopped: a stop was requested in the meantime.
             UnavailableError: see `MotionService.ready`.
         """
         if not request.radius_m >= 0.0:

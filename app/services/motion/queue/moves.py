@@ -1,4 +1,4 @@
-"""Moves in the queue: the request, the planned move, and what is left of it after a stop."""
+"""Moves in the queue: the request, the planned move, and its remainder after a stop."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def queue_request(
     inner_radii_m: Sequence[float] = (),
     job: Job | None = None,
 ) -> QueueRequest:
-    """Make the request to the queue for several goals, one after the other.
+    """Make the request to the queue for several consecutive goals.
 
     Args:
         plan: function that returns the request to the planner for a goal and a start, shape (dof,), rad.

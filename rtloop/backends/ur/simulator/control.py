@@ -31,8 +31,8 @@ class UrControlRequest(StrictModel):
         safety: the safety mode.
         blocked: the reason that answers an attempt to unlock a protective stop; "" if unlocking succeeds.
         remote: whether Remote Control is selected.
-        program: what a person does with the program at the teach pendant.
-        power: what a person does with the arm at the teach pendant.
+        program: how a person operates the program at the teach pendant.
+        power: how a person operates the arm at the teach pendant.
         push: wrench of the surroundings at the TCP, N and N·m, base frame.
         inputs: digital inputs, as bits 0 to 17.
     """
