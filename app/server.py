@@ -34,7 +34,7 @@ from cobot.logs.supervision import SupervisorLosses
 ANY_ADDRESS = {"0.0.0.0": "127.0.0.1", "::": "::1"}
 SHUTDOWN_S = 4
 SWITCH_S = 0.001
-"""Maximum time for which a thread that parses large data may block the event loop, s."""
+"""Maximum time that a thread parsing large data may block the event loop, s."""
 PING_S = 5.0
 
 log = logging.getLogger("cobot.service")

@@ -23,8 +23,8 @@ CLIENT_NAME = "X-Client-Name"
 nothing.
 """
 PREFER, STRICT_STATUS = "Prefer", "status=strict"
-"""Header and value with which a client requests a strict status: if a motion does not reach its goal, the
-answer has the status of the error.
+"""Header and value for requesting a strict status: if a motion does not reach its goal, the answer has the
+status of the error.
 """
 IDEMPOTENCY_KEY = "Idempotency-Key"
 """Header that identifies a request. If the same request is sent again, it is not executed a second time."""

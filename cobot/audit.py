@@ -166,7 +166,7 @@ class Audit:
 
 @dataclass(slots=True)
 class Trail:
-    """The request or connection to which the current task belongs.
+    """The request or connection that the current task belongs to.
 
     Attributes:
         who: returns the name of the identity, which is unknown until the request is authenticated.

@@ -1,5 +1,5 @@
 """Safe access to files that clients name and that must be below one folder, and safe creation of files in
-folders to which other users may write.
+folders that other users may write to.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ MAX_SETTLING_S = 30.0
 ends any motion.
 """
 RESTING_S = 0.2
-"""Time for which a disturbance acts on the arm at rest before the motion begins, s."""
+"""How long a disturbance acts on the arm at rest before the motion begins, s."""
 ROWS = 2000
 """Number of measured positions that are kept, evenly spaced over a motion's duration."""
 SATURATED = 0.999

@@ -34,8 +34,8 @@ class Endpoint:
         enabled: whether it is served.
 
     Raises:
-        ValueError: `control` or `costly` is set for a method for which `CobotRoute` ignores it, or for which
-            it would hold the turn while the body arrives.
+        ValueError: `control` or `costly` is set for a method where `CobotRoute` ignores it, or where it would
+            hold the turn while the body arrives.
     """
 
     name: str

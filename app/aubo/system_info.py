@@ -90,7 +90,7 @@ def get_control_system_time(robot: Services) -> Int64:
 
 @service(CLASS)
 def get_platform(robot: Services) -> str:
-    """The platform on which this software runs.
+    """The platform that this software runs on.
 
     Returns:
         Python's version and the operating system.

@@ -138,14 +138,12 @@ class Topics:
         return {topic.name: next(iter(topic.types), "") for topic in self._topics.values()}
 
     def type_of(self, topic: str) -> str | None:
-        """Return the type with which a topic is advertised; None if it is not advertised."""
+        """Return the advertised type of a topic; None if it is not advertised."""
         entry = self._topics.get(absolute(topic))
         return None if entry is None else entry.advertised
 
     def types_of(self, topic: str) -> list[str]:
-        """Return the type with which a topic is advertised; for a topic without an advertiser, all types in
-        use.
-        """
+        """Return the advertised type of a topic; for a topic without an advertiser, all types in use."""
         entry = self._topics.get(absolute(topic))
         return [] if entry is None else entry.types
 

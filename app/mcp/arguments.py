@@ -15,7 +15,7 @@ from cobot.errors import InputError
 from cobot.strict import StrictModel, sentences
 
 CONTEXT = "ctx"
-"""Name of the parameter with which tools get the library's context."""
+"""Name of the parameter that passes the library's context to tools."""
 
 
 Tool = Callable[..., Any]

@@ -17,7 +17,7 @@ TYPES = re.compile(r".*Action(Goal|Feedback|Result)")
 
 
 def refuse_topic(actions: Mapping[str, object], topic: str, type_: str | None) -> None:
-    """Reject the topics with which a ROS 1 client uses an action.
+    """Reject the topics that a ROS 1 client uses for an action.
 
     Args:
         actions: the actions by name.

@@ -47,7 +47,7 @@ class Unadvertise(Operation):
 
 
 class Publish(Operation):
-    """Publishes a message. `type` selects one of the types with which a gateway has advertised the topic."""
+    """Publishes a message. `type` selects one of the types that a gateway has advertised for the topic."""
 
     topic: Name
     type: Name | None = None

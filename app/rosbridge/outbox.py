@@ -1,5 +1,5 @@
-"""Messages that wait to be sent to one client: answers, which must all arrive, and messages of topics, of
-which only the newest ones matter.
+"""Messages that wait to be sent to one client: answers, which must all arrive, and topic messages, where only
+the newest matter.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from cobot.ros.codec import without_nan
 from cobot.ros.messages import Message
 
 MAX_BYTES = 32 * 2**20
-"""Maximum size of the answers that wait, in bytes. A client for which more data waits is disconnected."""
+"""Maximum size of the answers that wait, in bytes. A client with more waiting data is disconnected."""
 MAX_OPTIONAL = 256
 """Number of waiting messages above which feedback and status messages are dropped."""
 MAX_PER_TOPIC = 100
@@ -40,7 +40,7 @@ def dumps(content: Message) -> str:
 
 
 class TopicFeed:
-    """A topic to which one client has subscribed, possibly several times. The smallest interval between
+    """A topic that one client has subscribed to, possibly several times. The smallest interval between
     messages, the longest queue and the smallest fragments of all these subscriptions apply.
     """
 

@@ -6,7 +6,7 @@ from app.rosbridge import operations as op
 from cobot.access.roles import Role
 
 ROLES: dict[type[op.Operation], Role] = {
-    # Operations that affect only the client itself, and what it receives.
+    # Operations that affect only the client itself and the messages it receives.
     op.Subscribe: Role.OBSERVER,
     op.Unsubscribe: Role.OBSERVER,
     op.Fragment: Role.OBSERVER,

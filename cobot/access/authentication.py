@@ -72,7 +72,7 @@ def rights_of_fleet(fleet: FleetSection) -> Role:
 
 def fleet_tokens(fleet: FleetSection, token: str) -> dict[str, Role]:
     """The tokens of the process that connects this cell to a fleet: its own token, and one token for each
-    role with which people use the panel through the hub.
+    role in which people use the panel through the hub.
     """
     found = {token: rights_of_fleet(fleet)}
     if fleet.certificates is not None and fleet.accept.panel != "none":
@@ -82,7 +82,7 @@ def fleet_tokens(fleet: FleetSection, token: str) -> dict[str, Role]:
 
 
 def panel_token(fleet_token: str, role: Role) -> str:
-    """The token with which the fleet process sends requests from people with this role."""
+    """The token that the fleet process uses for requests from people with this role."""
     return hmac.digest(fleet_token.encode(), f"panel {role.name}".encode(), "sha256").hex()
 
 

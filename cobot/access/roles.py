@@ -53,8 +53,8 @@ FLEET = "fleet"
 SERVICE = Identity("cobot", Role.ADMIN)
 """The service itself, when it acts without a request."""
 acting: ContextVar[Identity] = ContextVar("acting", default=SERVICE)
-"""Identity for which the current task works. Functions that do not receive the identity as an argument
-read it here.
+"""Identity that the current task works for. Functions that do not receive the identity as an argument read it
+here.
 """
 
 

@@ -34,7 +34,7 @@ from cobot.errors import (
 from cobot.strict import StrictModel, sentences, shown
 
 PREFIX = "cobot_"
-"""Prefix of each token, by which people and scanners for leaked secrets recognise it."""
+"""Prefix of each token, so that people and scanners for leaked secrets recognise it."""
 RESERVED = (ANONYMOUS, ROS, FLEET, SERVICE.name)
 NOT_IN_PATHS = (".", "..")
 """Names that no client can send as a part of a URL. A token with such a name could not be deleted."""

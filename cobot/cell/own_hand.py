@@ -98,7 +98,7 @@ class TurningHand(CellEntry):
 
     Attributes:
         joints: the first one is driven, all others follow it.
-        travel_rad: angle by which the first joint turns from closed to open.
+        travel_rad: angle of the first joint from closed to open.
         widths_m: widths at equal steps of the first joint's angle from closed to open.
         max_force_n: largest force between the fingers at every width.
         max_speed_m_s: largest speed of the width.

@@ -114,7 +114,7 @@ class EventConnection(Connection):
             robot: yield only events of this robot. This is for a client that is connected to all robots.
             state_hz: rate of states, 0.1 to 100 per second.
             after: "EPOCH-ID" of an earlier event, "0" for all stored events; without it, only new events.
-            patience_s: time for which a lost connection is retried before UnavailableError is raised.
+            patience_s: how long a lost connection is retried before UnavailableError is raised.
         """
         asked: Json = {"robot": robot, "state_hz": state_hz, "after": after}
         if types:

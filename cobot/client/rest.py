@@ -42,7 +42,7 @@ class Client(ForceMoves, Steps, EventConnection):
         token: access token, made with `cobot token create`, if the service requires one; by default
             `COBOT_TOKEN`.
         verify: which certificates to trust, see `cobot.client.tls.tls_context`.
-        motion_token: token with which a sequence sends its own motions.
+        motion_token: token that a sequence uses for its own motions.
 
     Raises (constructor):
         InputError: the URL is invalid.
@@ -353,7 +353,7 @@ class Client(ForceMoves, Steps, EventConnection):
             label: program name for people, in any language.
             text: the sequence file, as text or as a dictionary; or the Lua program.
             kind: "sequence" or "lua".
-            base: number of the version on which this version is based; None for a new program.
+            base: number of the version that this one is based on; None for a new program.
 
         Raises:
             ChangedError: another client has saved a version in the meantime; the message names it.

@@ -64,7 +64,7 @@ def wait_until(
 
     Args:
         read: reads the inputs.
-        paused_s: total time for which the program has been paused, s. This time does not count.
+        paused_s: total time that the program has been paused, s. This time does not count.
 
     Raises:
         ExecutionError: the condition does not hold within `timeout_s`.
@@ -91,7 +91,7 @@ def wait_until(
 
 
 def wait(seconds: float, clock: Clock = SYSTEM, paused_s: Callable[[], float] = lambda: 0.0) -> None:
-    """Wait for a given time, s. Time for which the program is paused does not count."""
+    """Wait for a given time, s. Paused time does not count."""
     begin_s, paused_before_s = clock.now_s(), paused_s()
     end_s = begin_s + seconds
     while (left_s := end_s - clock.now_s()) > 0.0:
@@ -162,7 +162,7 @@ class Steps(Jobs):
         return wait_until(condition, self.io, require_time(timeout_s, "timeout_s"))
 
     def wait_s(self, seconds: float) -> None:
-        """Wait for a given time, s. Time for which the program is paused does not count."""
+        """Wait for a given time, s. Paused time does not count."""
         wait(require_time(seconds, "wait_s"))
 
     def on_error(

@@ -1,1 +1,1 @@
-"""The part of the service that speaks DDS, with which ROS 2 nodes communicate."""
+"""The part of the service that speaks DDS, the protocol of ROS 2 nodes."""

@@ -25,7 +25,7 @@ MAX_COMMANDS = 1000
 MAX_MESSAGES = 20_000
 """Maximum number of other messages that are remembered until their deadline."""
 ANSWER_S = 20.0
-"""Maximum time for which a retry waits for the answer to the first try, s."""
+"""Maximum time that a retry waits for the answer to the first try, s."""
 AHEAD_S = 1.0
 """Maximum time, s, by which a command may have been issued after the hub's time as this cell knows it."""
 

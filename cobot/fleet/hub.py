@@ -129,7 +129,7 @@ class Hub:
 
     Args:
         listen: addresses for the cells, such as tcp/127.0.0.1:7447.
-        connect: routers to which the hub connects.
+        connect: routers that the hub connects to.
         certificates: folder of the fleet's certificates. With it, connections are encrypted, both sides show
             their certificates, and commands are signed.
         recordings: store for recordings from the cells; None means that recordings are not fetched.

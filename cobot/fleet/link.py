@@ -53,10 +53,10 @@ def open_cell(connect: Sequence[str], certificates: Path | None = None) -> zenoh
 def open_hub(
     fleet: str, listen: Sequence[str], connect: Sequence[str] = (), certificates: Path | None = None
 ) -> zenoh.Session:
-    """Open the session of a hub, to which cells connect.
+    """Open the session of a hub, which cells connect to.
 
     Args:
-        connect: routers to which this hub connects.
+        connect: routers that this hub connects to.
         certificates: folder of the fleet. With it, each cell can access only its own keys.
     """
     values: dict[str, Any] = {
@@ -131,7 +131,7 @@ def _open(values: dict[str, Any], place: str) -> zenoh.Session:
 
     config = zenoh.Config()
     common = {
-        # Nothing is announced to the network, because each side knows the addresses to which it connects.
+        # Nothing is announced to the network, because each side knows the addresses it connects to.
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/link/tx/lease": LEASE_MS,

@@ -193,7 +193,7 @@ class CellPanel:
                 return PanelHead(ended=True), b""
 
     def _role(self, request: PanelRequest, *, changes: bool) -> Role:
-        """The role with which a request is sent to the service.
+        """The role of a request to the service.
 
         Raises:
             PermissionDenied: this cell does not permit the request.

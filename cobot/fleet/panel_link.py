@@ -50,7 +50,7 @@ ANSWER_S = 10.0
 
 
 class PanelPerson(NamedTuple):
-    """The name and the role of the token with which a panel was opened."""
+    """The name and the role of the token that opened a panel."""
 
     name: str
     role: RoleName
@@ -89,7 +89,7 @@ class OpenPanel:
 
         Raises:
             NotFoundError: the panel is no longer open.
-            AuthenticationError: the token with which the panel was opened is no longer valid.
+            AuthenticationError: the token that opened the panel is no longer valid.
         """
         if self.is_over:
             raise NotFoundError(NOT_OPEN)

@@ -1,4 +1,4 @@
-"""The messages with which a hub forwards requests from a browser to the panel of a cell, and the answers.
+"""The messages that a hub uses to forward a browser's requests to the panel of a cell, and the answers.
 
 A request is a query with a signed `PanelRequest`; the body is an attachment. The answer is a piece of the
 content, with a `PanelHead` attached. Long answers and WebSockets are streams, which the hub reads
@@ -35,7 +35,7 @@ MAX_PIECE_BYTES = 512 * 1024
 MAX_REQUESTS, MAX_SOCKETS = 16, 8
 """For each open panel, the maximum number of HTTP requests in progress and of open WebSockets."""
 WAIT_S = 1.0
-"""Time for which a cell waits for content before it answers without content."""
+"""How long a cell waits for content before it answers without content."""
 IDLE_S = 5.0
 """Time after which a cell closes a stream that the hub does not read."""
 OPEN_S = 10.0

@@ -31,8 +31,8 @@ WATCH_S = 0.5
 WRONG = ("fault", "estop", "gone")
 """States of a robot that end a roll-out."""
 SILENT_S = 5.0
-"""Maximum time for which a robot may be silent, s. New limits restart its real-time process, which takes
-about 1 s.
+"""Maximum time that a robot may be silent, s. New limits restart its real-time process, which takes about 1
+s.
 """
 UNKNOWN = UnavailableError.code
 Send = Callable[[FleetAction, str, str], dict[str, Any]]
@@ -147,7 +147,7 @@ class RollOuts:
         Args:
             robots: pairs of cell and robot, in the order of the roll-out.
             wave: number of robots in each wave after the first one.
-            watch_s: time for which the robots of a wave are watched before the next wave begins.
+            watch_s: how long the robots of a wave are watched before the next wave begins.
             states: returns the current state of each robot.
 
         Raises:

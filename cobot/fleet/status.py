@@ -1,4 +1,4 @@
-"""The HTTP status with which the hub reports an error."""
+"""The HTTP status of the hub's error responses."""
 
 from __future__ import annotations
 

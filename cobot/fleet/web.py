@@ -92,7 +92,7 @@ class WishedRollOut(StrictModel):
     Attributes:
         robots: the robots, in this order; the first one is a separate wave.
         wave: number of robots in each of the following waves.
-        watch_s: time for which the robots of a wave are watched before the next one, in seconds.
+        watch_s: how long the robots of a wave are watched before the next one, in seconds.
     """
 
     bundle: Hash

@@ -46,7 +46,7 @@ class HeldObject(StrEnum):
 
 
 class PowerLoss(StrEnum):
-    """What the fingers do when the gripper loses its power."""
+    """What the fingers do when the gripper loses power."""
 
     KEEPS = "keeps"
     OPENS = "opens"

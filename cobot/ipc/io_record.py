@@ -28,8 +28,8 @@ class IoReport:
 
 
 def fill_points(record: np.ndarray, points: Sequence[IoPoint]) -> list[str]:
-    """Write points into a record of `cobot.ipc.layout.IO`. Returns the names of the points for which there is
-    no room.
+    """Write points into a record of `cobot.ipc.layout.IO`. Returns the names of the points that do not
+    fit.
     """
     kept = [each for each in points if len(each.name.encode()) <= IO_NAME_BYTES][:IO_POINTS]
     count = record["count"] = len(kept)

@@ -124,7 +124,7 @@ def _address(web: WebSection) -> str:
 
 
 def _resolve(web: WebSection) -> str:
-    """The address on which the service listens."""
+    """The address that the service listens on."""
     try:
         family, _, _, _, address = socket.getaddrinfo(web.host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, socket.SOCK_STREAM) as listener:

@@ -1,4 +1,4 @@
-"""Fast first start of each process, without importing again what its parent has imported.
+"""Fast first start of each process, which reuses the modules that its parent has imported.
 
 Imports take most of the time of a start, and the parent has already done half of them. So the supervisor
 forks its children before it starts threads. In the same way, the service forks its planning processes before

@@ -1,4 +1,4 @@
-"""`cobot moveit-config FOLDER`: a package with which MoveIt 2 plans for a robot of this configuration.
+"""`cobot moveit-config FOLDER`: a package that lets MoveIt 2 plan for a robot of this configuration.
 
 The package contains the configuration in MoveIt's files: the URDF on /robot_description; an SRDF with the
 named positions and the pairs of links that cobot's own collision checker ignores; the limits; and the

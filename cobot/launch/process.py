@@ -1,5 +1,5 @@
-"""Functions with which a process asks Linux to change the process's own properties, or asks for the state of
-other processes.
+"""Functions that change properties of the calling process through Linux, or read the state of other
+processes.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ class Policy(Protocol):
 
 
 class ObservationMaker(Protocol):
-    """Makes observations of the kind on which a policy was trained."""
+    """Makes observations of the kind that a policy was trained on."""
 
     def __call__(self, state: JointState) -> dict[str, Any]: ...
 

@@ -1,5 +1,5 @@
-"""A queue with a thread that writes its items. Adding an item never blocks, and items for which there is no
-room are counted.
+"""A queue with a thread that writes its items. Adding an item never blocks, and items that do not fit are
+counted.
 
 The standard library's QueueHandler is not used, because it acquires a lock. If a garbage collection in the
 thread that holds this lock logs a line, the thread waits for itself. A SimpleQueue is reentrant.

@@ -53,7 +53,7 @@ class PlannerTraits:
         summary: the motion in a few words, for schemas.
         fields: the optional fields of `MotionRequest` that the planner uses. A request with any other
             optional field is rejected.
-        needs: fields of which the request must give exactly one.
+        needs: fields; the request must give exactly one of them.
         missing: the error, with advice, if the request gives none of the fields in `needs`.
         one_piece: whether the rest of a path after a stop cannot be planned as a separate motion. For a line
             it can be.

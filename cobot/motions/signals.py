@@ -140,7 +140,7 @@ class Until:
     Attributes:
         fast: whether each joint stops as fast as its limits permit, so that the arm leaves its path;
             otherwise the arm stops on its path.
-        retract_m: distance by which the TCP then moves back, m.
+        retract_m: distance that the TCP then moves back, m.
         is_required: whether the motion fails if it reaches its goal before the condition is met.
         from_zero: whether forces are relative to the zero of `POST /robot/force/zero`.
         scaling: scaling of the motion back by `retract_m`.

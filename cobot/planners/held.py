@@ -1,6 +1,4 @@
-"""Path constraints: the amount by which a configuration violates them, and the nearest configuration that
-keeps them.
-"""
+"""Path constraints: how far a configuration violates them, and the nearest configuration that keeps them."""
 
 from __future__ import annotations
 
@@ -61,9 +59,7 @@ class Held:
         return self._projection.keeps(joints)
 
     def excess(self, rows: Array) -> Array:
-        """The amount by which each row violates each constraint, shape (n, k), rad or m; negative if the row
-        keeps it.
-        """
+        """How far each row violates each constraint, shape (n, k), rad or m; negative if the row keeps it."""
         constraints = self._constraints
         columns = [np.full(len(rows), -np.inf)]
         if constraints.cone is not None or constraints.box is not None:

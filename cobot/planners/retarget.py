@@ -33,7 +33,7 @@ MOVING_ON = (PlannerName.PTP, PlannerName.AUTO)
 """Planners that first try the direct motion of all joints."""
 
 GENTLE = 0.7
-"""Share of the acceleration limits with which the arm slows down. The new motion may use the remaining
+"""Share of the acceleration limits that is used for slowing down. The new motion may use the remaining
 part.
 """
 SHARES = (0.0, 0.3, 0.6, 0.8, 1.0)

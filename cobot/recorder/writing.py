@@ -96,7 +96,7 @@ class Writing:
 
 
 def _reasons(notes: Ring, records: np.ndarray) -> dict[int, str]:
-    """The sentences to which the records refer, by their numbers."""
+    """The sentences that the records refer to, by number."""
     first, last = int(records["note"].min()), int(records["note"].max())
     if last == 0:
         return {}

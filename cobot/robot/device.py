@@ -30,7 +30,7 @@ class Capabilities:
     the capability.
 
     Attributes:
-        periods_s: cycle periods with which the device can be driven, s; empty: any.
+        periods_s: cycle periods that the device supports, s; empty: any.
         measured: names from `MEASURED_NAMES`: the attributes of `rtloop.backends.Measured` that the device
             fills in. All others are zeros.
         impedance: the drives accept a commanded stiffness and damping.

@@ -64,7 +64,7 @@ def check_limits(
 
     Args:
         labels: the caller's names of the breakpoints, for the message.
-        tolerance: share of a limit (of the range, for positions) by which it may be exceeded.
+        tolerance: share of a limit (of the range, for positions) that it may be exceeded by.
 
     Raises:
         LimitError: a limit is exceeded; reports the earliest violation with its place, joint, quantity, value

@@ -91,7 +91,7 @@ def check_start(robot: RobotDescription, settings: Settings) -> None:
 
 
 def attach_tool_and_objects(robot: RobotDescription, settings: Settings) -> None:
-    """Attach the tool and the objects with which the service would start to the model.
+    """Attach to the model the tool and the objects that the service would start with.
 
     Raises:
         ConfigError: a file is invalid.

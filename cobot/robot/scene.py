@@ -136,8 +136,8 @@ class SceneFile:
 
     Attributes:
         fixed: the fixtures of a cell, which are objects in every scene of this robot but not in the file. If
-            there are any, the first scene has version 1, because version 0 is the empty scene with which
-            every process begins.
+            there are any, the first scene has version 1, because version 0 is the empty scene that every
+            process begins with.
     """
 
     path: Path

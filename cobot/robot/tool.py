@@ -158,8 +158,8 @@ class ToolFile:
     """The file with the tool of one robot.
 
     Attributes:
-        default: the tool that is used while there is no file. Its version is 0 if it is the bare flange, with
-            which every process begins, and 1 otherwise.
+        default: the tool that is used while there is no file. Its version is 0 for the bare flange, which
+            every process begins with, and 1 otherwise.
     """
 
     path: Path

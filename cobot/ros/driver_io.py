@@ -1,4 +1,4 @@
-"""Inputs and outputs for which the drivers of arms define their own services.
+"""Inputs and outputs of arm drivers that define their own services for them.
 
 An interface is called KIND/NUMBER, such as digital_out/16. The numbers are defined by the driver. Sources:
 the definitions in ur_msgs, motoros2_interfaces, xarm_msgs and dsr_msgs2, and the code of these drivers. Where

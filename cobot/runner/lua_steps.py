@@ -61,7 +61,7 @@ class LuaSteps:
         table: converts JSON to a Lua value.
         failure: returns the latest error that was reported to the program.
         call: runs a sequence file.
-        paused_s: function that returns the total time for which the program has been paused, s.
+        paused_s: function that returns the total time that the program has been paused, s.
     """
 
     def __init__(

@@ -19,7 +19,7 @@ class Progress:
     and never waits.
 
     Args:
-        told: descriptor to which each step is reported as a line of JSON.
+        told: descriptor that receives each step as a line of JSON.
         answers: descriptor from which answers are read; None if the runner must not wait for answers.
 
     Attributes:
@@ -64,8 +64,8 @@ class Progress:
         return waypoint
 
     def ask_paused_s(self) -> float:
-        """The total time for which the program has been paused, in seconds. If it is paused now, this waits
-        until it continues.
+        """The total time that the program has been paused, in seconds. If it is paused now, this waits until
+        it continues.
         """
         self.tell(self._place, asking=self._answers is not None, within=True)
         return float(self._answer().get("paused_s", 0.0))

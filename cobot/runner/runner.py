@@ -58,8 +58,7 @@ class RunSettings:
         name: file name, for messages.
         folder: folder of the sequences that are called.
         lua: limits of a Lua program; None for a sequence file.
-        motion_token: token from the service, by which the service recognises the requests of the sequence;
-            None for a manual start.
+        motion_token: token that identifies the sequence's requests to the service; None for a manual start.
         from_service: whether the service started the run.
         progress: the object to which each step is reported before it begins.
     """

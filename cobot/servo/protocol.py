@@ -90,7 +90,7 @@ class ServoRules:
         active: whether points are accepted.
         mode, send_period_s, watchdog_s: settings of the current or last session.
         owner: the only sender whose points are accepted; "" if any sender is accepted.
-        session_id: the id to which the session is locked; None until a point contains one.
+        session_id: the id that the session is locked to; None until a point contains one.
         point_id: id of the last accepted point.
         received, accepted: number of points since the session began.
         refused: number of rejected messages since the session began, by reason.

@@ -41,7 +41,7 @@ class Order:
     workers on different computers.
 
     Attributes:
-        contents: hashes of everything on which the results depend, by names for people.
+        contents: hashes of everything that the results depend on, by readable names.
         key: hash of the document and the contents.
     """
 

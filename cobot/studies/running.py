@@ -33,7 +33,7 @@ TRIES = 3
 """Number of times that a worker may die with one task. After that, the task is given up."""
 POLL_S = 0.2
 DEATHS = ("KilledWorker", "LostWorkerError")
-"""Names of the errors with which executors report that the worker which computed a call has died."""
+"""Names of the errors that executors raise if the worker computing a call has died."""
 
 
 @dataclass(frozen=True, slots=True)

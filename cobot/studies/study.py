@@ -58,7 +58,7 @@ class Study(StrictModel):
 
     @property
     def folder(self) -> Path:
-        """The folder to which relative paths in the file refer."""
+        """The folder for relative paths in the file."""
         return self._folder
 
     def keep_source(self, document: dict[str, Any], folder: Path) -> None:
@@ -81,7 +81,7 @@ class Study(StrictModel):
         raise NotImplementedError
 
     def contents(self) -> dict[str, str]:
-        """Hashes of everything outside the document on which the results depend, by names for people."""
+        """Hashes of everything outside the document that the results depend on, by readable names."""
         raise NotImplementedError
 
     def kernel(self) -> Kernel:

@@ -39,7 +39,7 @@ def study_of(document: dict[str, Any], folder: Path | str = ".", name: str = "st
     """Make a study from a file's content.
 
     Args:
-        folder: folder to which relative paths refer.
+        folder: folder for relative paths.
         name: name of the document, for errors.
 
     Raises:

@@ -1,4 +1,4 @@
-"""What backends do with the arm's model: compare it with the pose that the device reports, and keep the
+"""Checks with the arm's model for backends: compare it with the pose that the device reports, and keep the
 reduced speed in T1.
 """
 

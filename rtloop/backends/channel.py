@@ -40,7 +40,7 @@ class PacketChannel(Protocol):
 
 
 class UdpChannel:
-    """A `PacketChannel` over the UDP socket to which a controller sends.
+    """A `PacketChannel` over the UDP socket that a controller sends to.
 
     The first sender of a valid packet counts as the controller. If `address` is given, that sender must have
     this address. From then on, packets from all other addresses are ignored.

@@ -68,7 +68,7 @@ class BackendOptions(BaseModel):
     simulator: bool = False
 
     def remote_setting(self, settings: Settings) -> str:
-        """Return the setting by which the device may be on another computer, with its value; "" if the device
+        """Return the setting that may place the device on another computer, with its value; "" if the device
         is on this one. A class overrides this if its option is not named `address`.
         """
         if "address" not in type(self).model_fields:
@@ -365,7 +365,7 @@ class Simulated(Protocol):
         Args:
             link: name of a body that is moved by the joints.
             point: point on the link, in the link's frame, m.
-            target: position to which the point is pulled, in the base frame, m.
+            target: position that the point is pulled to, in the base frame, m.
 
         Raises:
             BackendError: there is no such link.

@@ -54,7 +54,7 @@ METHODS = ("GET", "POST", "PUT", "DELETE")
 SUBPROTOCOL = "cobot"
 TOKEN_SUBPROTOCOL = "cobot.token."
 POLICY_VIOLATION = 1008
-"""Code with which a WebSocket is closed if its token is no longer valid."""
+"""Close code of a WebSocket whose token is no longer valid."""
 INVALID = "the token is no longer valid"
 PAGES = ("/docs", "/redoc")
 UNFRAMED = [(b"x-frame-options", b"DENY"), (b"content-security-policy", b"frame-ancestors 'none'")]

@@ -127,8 +127,8 @@ def _who(scope: Scope) -> str:
 
 
 def _request_id(scope: Scope) -> str:
-    """Return the client's own request id, with which the client can find its requests in the log, or else a
-    new id.
+    """Return the client's own request id, so that the client finds its requests in the log, or else a new
+    id.
     """
     for name, value in scope["headers"]:
         if name == HEADER and WELL_FORMED.fullmatch(value):

@@ -1,5 +1,5 @@
-"""Handles the header `Idempotency-Key`, with which a client can safely repeat a request that begins a job.
-The repetition begins nothing.
+"""Handles the header `Idempotency-Key`, which lets a client safely repeat a request that begins a job. The
+repetition begins nothing.
 
 The second request with a key gets the answer to the first one, and waits if the first one is still in
 progress. If a request was rejected and has begun nothing, its key can be used again.

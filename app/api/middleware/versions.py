@@ -1,7 +1,7 @@
 """The API version: each path also exists below /v1 and leads to the same route.
 
 There is no second set of routes. The middleware declares /v1 as the `root_path` of a request (ASGI's name for
-the place below which an application is mounted), and Starlette matches what follows it.
+the place below which an application is mounted), and Starlette matches the rest of the path.
 """
 
 from __future__ import annotations

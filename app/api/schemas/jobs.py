@@ -114,7 +114,7 @@ class JobsQuery(StrictModel):
 
 
 class JobQuery(StrictModel):
-    """The time for which a client waits for a job."""
+    """How long a client waits for a job."""
 
     model_config = ConfigDict(strict=False)
 

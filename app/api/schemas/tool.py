@@ -124,7 +124,7 @@ class ChangeTool(RequestModel):
 
 
 class TouchedPoints(RequestModel):
-    """Joint positions in each of which the tip of the tool touches the same fixed point."""
+    """Joint positions that each place the tool's tip on the same fixed point."""
 
     model_config = _example({"points": EXAMPLE_POINTS})
 

@@ -89,13 +89,13 @@ class SignalFollower:
 
     @property
     def retract_m(self) -> float:
-        """Distance by which the TCP must move back after the motion, m."""
+        """How far the TCP must move back after the motion, m."""
         until = self._placed.until
         return 0.0 if until is None or self._contact is None else until.retract_m
 
     @property
     def retract_scaling(self) -> Scaling:
-        """Speed scaling with which the TCP moves back."""
+        """Speed scaling of the move back."""
         assert self._placed.until is not None
         return self._placed.until.scaling
 
@@ -152,7 +152,7 @@ class SignalFollower:
                 self._tell("not fired", result)
 
     def note_retraction(self, by_m: float) -> None:
-        """Record the distance by which the TCP has moved back, m."""
+        """Record how far the TCP has moved back, m."""
         if self._contact is not None:
             self._contact = replace(self._contact, retracted_m=by_m)
 

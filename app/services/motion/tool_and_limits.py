@@ -14,7 +14,7 @@ class RobotSettings:
     and conversions between flange and TCP.
 
     Attributes:
-        envelope: the limits with which the motion queue plans. Moves that are already planned keep their
+        envelope: the limits that the motion queue plans with. Moves that are already planned keep their
             limits.
     """
 

@@ -67,7 +67,7 @@ class RunnerInstructions:
         self._answer(None)
 
     def answer_time(self, paused_s: float) -> None:
-        """Answer a runner that asks within a step, with the total time for which it was paused, s."""
+        """Answer a runner that asks within a step: the total time that it has been paused, s."""
         self._write({"paused_s": paused_s})
 
     def hold(self, waypoint: int) -> None:

@@ -112,7 +112,7 @@ class Deleted:
         return self.last.get(program, self.others)
 
     def with_program(self, program: str, version: int) -> Deleted:
-        """Return a copy to which a deleted program is added."""
+        """Return a copy with a deleted program added."""
         last = {each: number for each, number in self.last.items() if each != program} | {program: version}
         gone = list(last)[: max(len(last) - MAX_DELETED, 0)]
         others = max([self.others, *(last.pop(each) for each in gone)])

@@ -78,7 +78,7 @@ class StudyService:
 
         Args:
             document: the study as in a study file, without references to files.
-            stored: text and file name of the stored program to which the study refers.
+            stored: text and file name of the stored program that the study refers to.
             max_s: maximum duration of this run, s.
 
         Raises:

@@ -72,7 +72,7 @@ class JobBook:
         self._lines: OrderedDict[str, bytes] = OrderedDict()
         self._written = 0
         self._whole = 0
-        """Number of the change up to which the file is complete."""
+        """The file is complete up to the change with this number."""
         self._told = False
         self.ending = False
         self._path = file

@@ -57,7 +57,7 @@ class Commands:
 
         Args:
             stops: `RobotLink.stops` at the time of the request.
-            tool: version of the tool with which the motion was planned.
+            tool: version of the tool that the motion was planned with.
             fence: fence that the TCP may not leave.
             signals: actions and conditions on the path.
 

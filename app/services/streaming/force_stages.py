@@ -29,7 +29,7 @@ AT_REST_S = 0.5
 """Time without progress after which a push counts as completed, s."""
 AT_REST_M = 2e-4
 GIVE_WAY_PER_S = 5.0
-"""Gain with which an insertion reduces forces and torques across the push, 1/s."""
+"""Gain for reducing forces and torques across the push during an insertion, 1/s."""
 GETTING_UP_S, SLOWEST = 0.3, 0.1
 """Time in which a search accelerates to its full speed, s, and the share of this speed at the start and in
 corners.
@@ -71,7 +71,7 @@ class Push:
         start: TCP pose at the beginning of the motion.
         axis: unit vector of the push in the base frame at the start, shape (3,).
         force_n: commanded force, N.
-        approach_n: commanded force with which the free TCP moves at the approach speed, N.
+        approach_n: commanded force that moves the free TCP at the approach speed, N.
         max_distance_m: maximum distance along the axis, m.
     """
 

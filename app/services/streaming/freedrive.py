@@ -43,7 +43,7 @@ FOLLOW_S = 0.15
 but unstable against hard objects. It must be longer than `SMOOTHING_S` and the cycle.
 """
 SMOOTHING_S = 0.1
-"""Time constant with which the velocity follows the hand, s."""
+"""Time constant of the velocity following the hand, s."""
 TOUCH_SHARE = 0.005
 """Threshold for a joint's external torque, as a share of its effort limit. Smaller values are ignored,
 because estimates are not exact.

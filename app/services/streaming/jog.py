@@ -38,7 +38,7 @@ PERIOD_S = 0.02
 MAX_STEP_S = 0.05
 """Maximum time that one target covers if the service itself was late, s."""
 SMOOTHING_S = 0.15
-"""Time constant with which the velocity of the joints or of the TCP follows the requested velocity, s."""
+"""Time constant of the joint or TCP velocity following the requested velocity, s."""
 MAX_LEAD_RAD = 0.1
 """Maximum distance of the targets ahead of the arm, rad or m. Beyond it the targets wait for the arm."""
 LET_GO = Reason("the client has let go", ReasonCode.CLIENT_ENDED)

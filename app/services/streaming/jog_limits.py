@@ -47,7 +47,7 @@ class LimitedVelocity:
 
     Attributes:
         velocity: joint velocities, shape (dof,), rad/s or m/s.
-        speed: share to which the speed limits reduce the requested velocity.
+        speed: share of the requested velocity that the speed limits permit.
         share: velocity as a share of the requested velocity.
         reason: reason why the share is below 1; "" if it is 1.
     """

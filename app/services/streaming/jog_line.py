@@ -16,7 +16,7 @@ from cobot.robot.model import RobotModel
 from cobot.types import Array
 
 CORRECTION_PER_S = 10.0
-"""Gain with which the TCP returns to its line, 1/s."""
+"""Gain for returning the TCP to its line, 1/s."""
 MOVED_RAD = 1e-3
 """Maximum distance of a joint from the last target, rad or m. At a larger distance something else has moved
 the arm.

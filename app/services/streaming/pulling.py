@@ -30,7 +30,7 @@ class Pulling:
         Args:
             link: name of a body that is moved by the joints.
             point: point on the link, in the link's frame, m.
-            target: position to which the point is pulled, in the base frame, m.
+            target: position that the point is pulled to, in the base frame, m.
 
         Raises:
             NotSupportedError: the backend moves a real arm, or is a simulation that does not support this.

@@ -154,7 +154,7 @@ def read_key(payload: bytes) -> Guid:
 
 
 def goodbye(participant: Guid) -> bytes:
-    """The datagram with which a participant announces that it and all its endpoints end."""
+    """The datagram that announces the end of a participant and all its endpoints."""
     key = pack_key(Pid.PARTICIPANT_GUID, participant)
     body = submessages.data(UNKNOWN_ENTITY, PARTICIPANT_WRITER, 2, disposal(participant), key, key=True)
     return submessages.protocol_header(participant.prefix) + body

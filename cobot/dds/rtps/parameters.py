@@ -80,9 +80,7 @@ def duration(seconds: float) -> bytes:
 
 
 def related_identity(identity: SampleIdentity) -> bytes:
-    """Inline QoS, without its end marker, that names the sample to which this sample belongs, under both
-    parameter ids in use.
-    """
+    """Inline QoS, without its end marker, that names the related sample under both parameter ids in use."""
     value = _IDENTITY.pack(identity.writer, identity.sequence >> 32, identity.sequence & 0xFFFFFFFF)
     return parameter(Pid.RELATED_SAMPLE_IDENTITY_EPROSIMA, value) + parameter(
         Pid.RELATED_SAMPLE_IDENTITY, value

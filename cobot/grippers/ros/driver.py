@@ -86,7 +86,7 @@ class RosOptions(GripperOptions):
 
 
 def link_settings(options: RosOptions, ros: RosSection) -> dict[str, Any]:
-    """The settings with which the process for `ActionProcess` is started."""
+    """The settings for starting the process for `ActionProcess`."""
     network = ros.model_dump(mode="json", include={"domain_id", "interfaces", "localhost_only", "peers"})
     return {
         **network,

@@ -156,7 +156,7 @@ def _clustered(vertices: Array, triangles: Indices, cell_m: float) -> tuple[Arra
 
 
 def _covering(hulls: list[trimesh.Trimesh], points: Array) -> list[trimesh.Trimesh]:
-    """The hulls, each extended to those points outside all hulls for which it is the closest hull."""
+    """The hulls, each extended to the points outside all hulls that are closest to it."""
     outside = np.stack([_beyond(hull, points) for hull in hulls])
     nearest, missed = outside.argmin(axis=0), outside.min(axis=0) > COVERED_M
     return [
@@ -166,7 +166,7 @@ def _covering(hulls: list[trimesh.Trimesh], points: Array) -> list[trimesh.Trime
 
 
 def _beyond(hull: trimesh.Trimesh, points: Array) -> Array:
-    """The distance by which each point is outside the planes of the hull, shape (n,), m."""
+    """How far each point is outside the planes of the hull, shape (n,), m."""
     most = np.full(len(points), -np.inf)
     for normal, corner in zip(hull.face_normals, hull.triangles[:, 0], strict=True):
         most = np.maximum(most, (points - corner) @ normal)

@@ -43,8 +43,8 @@ MIN_SHARE = 1e-9
 the path is singular there, because the joints would jump.
 """
 SHARE_RAD = 0.1
-"""Amount by which the path's parameter grows over the whole TCP path in addition to the joint distance,
-rad. This makes the parameter increase even where no joint moves.
+"""Growth of the path's parameter over the whole TCP path, in addition to the joint distance, rad. This makes
+the parameter increase even where no joint moves.
 """
 SWINGING = 1.5
 """If a curve through the places is longer than its chords by this factor, it oscillates between them."""

@@ -35,7 +35,7 @@ MAX_FREE = 6
 
 
 class CycleStudy(RobotStudy):
-    """Finds the parameters with which a program is fastest.
+    """Finds the parameters that make a program fastest.
 
     Attributes:
         space: some of `PARAMETERS`. Each move with `within_m` adds move1_x_m, move1_y_m and move1_z_m (with

@@ -34,8 +34,8 @@ class StudyMove(StrictModel):
         accel_scale: share of the largest accelerations; 0 means the same as `speed`.
         label: name for people, in errors.
         stop: whether the arm stops at the end of this motion instead of blending into the next one.
-        within_m: distance by which a study of cycles may move the pose along each axis.
-        tolerance_m: maximum distance of the TCP from the part on which it works at the end of this motion.
+        within_m: distance that a study of cycles may move the pose along each axis.
+        tolerance_m: maximum distance of the TCP from the part it works on at the end of this motion.
     """
 
     to: str | list[float] | None = None

@@ -16,8 +16,8 @@ from cobot.types import Array
 MIN_DURATION_S, MAX_DURATION_S = 0.2, 1.0
 MAX_ACCELERATION = 2.0
 MAX_JERK = 1000.0
-"""Maximum acceleration and jerk with which the difference fades out, rad/s² and rad/s³. They are exceeded
-slightly if the difference begins with higher values.
+"""Maximum acceleration and jerk of the fade-out, rad/s² and rad/s³. They are exceeded slightly if the
+difference begins with higher values.
 """
 JUMP_RAD = 1e-6
 """Maximum difference between a command and the extrapolation of the previous one, rad. A larger difference

@@ -1,4 +1,4 @@
-"""The socket to which an FRI controller sends."""
+"""The socket that an FRI controller sends to."""
 
 from __future__ import annotations
 

@@ -23,8 +23,8 @@ class FriOptions(BackendOptions):
 
     Attributes:
         address: address of the robot controller; null for the first controller that sends FRI.
-        listen: address of this computer to which the controller sends; 0.0.0.0 for any.
-        port: UDP port of this computer to which the controller sends (`setPortOnRemote` in its program).
+        listen: address of this computer that the controller sends to; 0.0.0.0 for any.
+        port: UDP port of this computer that the controller sends to (`setPortOnRemote` in its program).
         version: version of FRI. "2" includes 2.7, "auto" accepts all versions.
         overlay: command type of the motion in the cabinet's program.
         connect_s: timeout for the first packet.

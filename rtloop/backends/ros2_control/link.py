@@ -31,7 +31,7 @@ ENDED = "the process that speaks ROS 2 has ended or does not answer; a reset sta
 
 @dataclass(frozen=True, slots=True)
 class GoalFacts:
-    """What is known about the newest goal that this link has sent.
+    """The state of the newest goal that this link has sent.
 
     Attributes:
         accepted: whether the controller accepted it; None before the answer.

@@ -19,8 +19,8 @@ Counts = NDArray[np.int64]
 FOLLOW_S = 0.2
 """Maximum time in which an arm reaches the position of a correction, s."""
 MADE_UP_S, RESOLUTION = 0.015, 1000
-"""Time constant with which a missing correction is added to the answers, s, and the remainder in millionths
-that is added at once.
+"""Time constant for adding a missing correction to the answers, s, and the remainder in millionths that is
+added at once.
 """
 RESTED_S = 0.3
 """Time at rest after which the sum of relative corrections is compared with the controller's sum, s."""

@@ -33,8 +33,8 @@ class RsiOptions(BackendOptions):
 
     Attributes:
         address: address of the robot controller; null for the first controller that sends RSI.
-        listen: address of this computer to which the controller sends; 0.0.0.0 for any.
-        port: UDP port of this computer to which the controller sends (PORT in its Ethernet configuration).
+        listen: address of this computer that the controller sends to; 0.0.0.0 for any.
+        port: UDP port of this computer that the controller sends to (PORT in its Ethernet configuration).
         sen_type: SENTYPE in the controller's Ethernet configuration.
         correction: mode of RSI_ON in the controller's program: #ABSOLUTE or #RELATIVE.
         max_correction: maximum correction of each axis, degrees or mm: one value, or one per joint. It must

@@ -1,4 +1,4 @@
-"""Checks of what a controller reports, before the arm moves and in each cycle."""
+"""Checks of a controller's reports, before the arm moves and in each cycle."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ class _Wanted:
     """An output that is being set.
 
     Attributes:
-        group: first variable of the group to which the output belongs.
+        group: first variable of the output's group.
         values: values of the group's variables.
         point: the output with the value that the controller must report.
     """

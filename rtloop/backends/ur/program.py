@@ -19,7 +19,7 @@ MAGIC = 0x636F626F
 SCALE = 1e8
 """Integer that represents one radian in a message."""
 FIRST_TIMEOUT_S = 3.0
-"""Time for which the program waits for its first command, s."""
+"""How long the program waits for its first command, s."""
 _HELLO = struct.Struct(">ii")
 _MESSAGE = struct.Struct(">8i")
 TORQUE_SCALE = 1e6

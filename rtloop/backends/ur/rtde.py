@@ -93,8 +93,7 @@ class Recipe:
     """Names and types of the variables of a data package.
 
     Attributes:
-        number: number by which packages refer to the recipe, 1 to 255; 0 means that the controller rejected
-            it.
+        number: number of the recipe in packages, 1 to 255; 0 means that the controller rejected it.
         names, types: names and types of the variables, in order.
     """
 

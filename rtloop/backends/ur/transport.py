@@ -46,7 +46,7 @@ class ByteStream(Protocol):
 
 
 class ByteListener(Protocol):
-    """Attributes: port: the port on which it listens."""
+    """Attributes: port: the port that it listens on."""
 
     @property
     def port(self) -> int: ...

@@ -59,7 +59,7 @@ class QueueLine:
 
     @property
     def head(self) -> list[QueuedMove]:
-        """Return the first planned moves, with which a motion begins or continues."""
+        """Return the first planned moves, which begin or continue a motion."""
         return head(self._planned, MAX_JOINED_LEGS)
 
     @property

@@ -103,7 +103,7 @@ class QueueSignals:
         return await self._place(Placement(), run, moves, 0.0)
 
     async def place_next(self, run: QueueRun, moves: Sequence[QueuedMove]) -> Placement:
-        """Place the signals on the trajectory with which the motion will continue.
+        """Place the signals on the trajectory that will continue the motion.
 
         Args:
             moves: the unfinished moves and the added ones.

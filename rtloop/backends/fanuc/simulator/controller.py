@@ -1,7 +1,7 @@
 """The controller's side of Stream Motion and of the Remote Motion Interface.
 
-The simulated controller counts periods and uses no clock, so a test steps it and a server runs it in real
-time. docs/fanuc.md states the behaviour for which FANUC publishes no figures.
+The simulated controller counts periods instead of using a clock: a test steps it, and a server runs it in
+real time. docs/fanuc.md states the behaviour for which FANUC publishes no figures.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The controller's side of FRI, with five session states, the connection quality, reflexes and one packet per
 period.
 
-The simulated controller counts periods and uses no clock, so a test steps it and a server runs it in real
-time. docs/kuka-fri.md states the behaviour for which KUKA publishes no figures.
+The simulated controller counts periods instead of using a clock: a test steps it, and a server runs it in
+real time. docs/kuka-fri.md states the behaviour for which KUKA publishes no figures.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The controller's side of RSI, with the time stamp IPOC, corrections, reflexes and one telegram per period.
 
-The simulated controller counts periods and uses no clock, so a test steps it and a server runs it in real
-time. docs/kuka-rsi.md states the behaviour for which KUKA publishes no figures.
+The simulated controller counts periods instead of using a clock: a test steps it, and a server runs it in
+real time. docs/kuka-rsi.md states the behaviour for which KUKA publishes no figures.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ class UrControlRequest(StrictModel):
     Attributes:
         loss: share of the data packages that the controller omits.
         silent: whether the controller sends and receives nothing, as if the cable were disconnected.
-        delay_s: delay with which the controller reads commands, s.
+        delay_s: delay before the controller reads a command, s.
         spoil: how measured values are corrupted on their way to the client.
         safety: the safety mode.
         blocked: the reason that answers an attempt to unlock a protective stop; "" if unlocking succeeds.
