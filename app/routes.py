@@ -1,4 +1,4 @@
-"""The routes of the application, in the order in which they are matched."""
+"""The application's routes, in matching order."""
 
 from __future__ import annotations
 

@@ -133,8 +133,7 @@ def main(
         ssl_certfile=settings.web.tls_certificate,
         ssl_keyfile=settings.web.tls_key,
     )
-    # After closing all, uvicorn raises the signal that has ended it once more. Python must end without an
-    # error.
+    # After closing all, uvicorn raises the signal that ended it once more. Python must end without an error.
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     sys.setswitchinterval(SWITCH_S)
     server = Server(config, limits, lambda: app.state.events.close())

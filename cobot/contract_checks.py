@@ -17,7 +17,9 @@ class ContractError(Exception):
 
 
 class NotTested(Exception):
-    """A check needs something that the device or its rig does not provide. The text names what is missing."""
+    """A check needs something that the device or its rig does not provide. The text names the missing
+    items.
+    """
 
 
 class CheckVerdict(StrEnum):

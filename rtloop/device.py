@@ -120,7 +120,7 @@ class DeviceWatch:
         self._publish()
 
     def ask(self) -> None:
-        """Publish what the device reports. Values that the device cannot report stay unchanged.
+        """Publish the device's report. Values that the device cannot report stay unchanged.
 
         Raises:
             ForeignError: a report is unusable, or the device's class has a bug.

@@ -76,7 +76,7 @@ def modbus_get_signal_names(robot: Services) -> list[str]:
     """The names of all signals.
 
     Returns:
-        the names, in the order of their addition. All lists of signals have this order.
+        the names, in the order they were added. All lists of signals have this order.
     """
     return [signal.name for signal in robot.equipment.modbus.signals()]
 

@@ -81,7 +81,7 @@ def is_sync_move_on(robot: Services) -> bool:
 
 @service(CLASS)
 async def sync_move_wait(robot: Services) -> None:
-    """Wait until no synchronous motion moves this robot."""
+    """Wait until no synchronous motion is moving this robot."""
     await robot.sync.wait((robot.robot.name,))
 
 
@@ -112,7 +112,7 @@ def axis_group_get_names(robot: Services) -> list[str]:
     """The names of all groups.
 
     Returns:
-        the names, in the order of their addition.
+        the names, in the order they were added.
     """
     return list(robot.sync.groups)
 

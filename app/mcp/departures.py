@@ -1,4 +1,4 @@
-"""Detects agents that leave while the arm moves for them, by closing the connection or cancelling the
+"""Detects agents that leave while the arm is moving for them, by closing the connection or cancelling the
 request.
 
 With clients that use a protocol before 2026, the library behind /mcp/mcp detects neither. If the answer is

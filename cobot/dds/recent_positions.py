@@ -1,7 +1,8 @@
 """The range of each joint's recent positions.
 
 Two publishers report the same joints at different times, and a busy computer may delay one of them for
-seconds. So only the ranges of what they have reported recently can be compared, not their newest positions.
+seconds. So only the ranges of the positions they have reported recently can be compared, not their newest
+positions.
 """
 
 from __future__ import annotations

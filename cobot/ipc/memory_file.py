@@ -99,8 +99,8 @@ def create_file(path: Path, robot: str) -> int:
     truncating it would kill that process by SIGBUS.
 
     Raises:
-        ConflictError: a different supervisor, or a process that remains from one, uses the file; the message
-            gives its pid.
+        ConflictError: a different supervisor, or a process that remains from one, is using the file; the
+            message gives its pid.
         OSError: the system denies access.
     """
     while True:

@@ -210,7 +210,7 @@ class RobotMemory:
             url: address of the robot's service, for local clients; "" if there is no service.
 
         Raises:
-            ConflictError: a different supervisor, or a process that remains from one, uses the file; the
+            ConflictError: a different supervisor, or a process that remains from one, is using the file; the
                 message gives its pid.
             SharedMemoryError: there is no space in /dev/shm, or no permission.
         """

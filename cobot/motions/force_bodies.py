@@ -70,7 +70,7 @@ class PressMotion(ForceMotion):
 
     model_config = example({"force": 10.0, "duration_s": 1.0, "max_distance": 0.02, "if_not_met": "success"})
 
-    duration_s: Finite = Field(1.0, ge=0.0, le=600.0, description="Time for which the force is held, s.")
+    duration_s: Finite = Field(1.0, ge=0.0, le=600.0, description="How long the force is held, s.")
 
 
 class FollowMotion(ForceMotion):
@@ -137,7 +137,7 @@ class SearchMotion(ForceMotion):
     )
     pitch: Finite = Field(0.001, ge=1e-5, le=0.05, description="Distance between two turns or lines, m.")
     angle: Finite = Field(
-        0.05, gt=0.0, le=0.5, description="Largest angle by which the tool tilts in the pattern tilt, rad."
+        0.05, gt=0.0, le=0.5, description="Largest tilt of the tool in the pattern tilt, rad."
     )
     search_speed: Finite = Field(
         0.01, ge=0.0005, le=0.1, description="Speed of the TCP along the pattern, m/s."

@@ -161,7 +161,7 @@ class UntilCondition(_EdgeTest):
         0.0,
         ge=0.0,
         le=MAX_RETRACT_M,
-        description="Distance by which the TCP then moves back along its path, m.",
+        description="Distance that the TCP then moves back along its path, m.",
     )
     if_not_met: Literal["error", "success"] = Field(
         "error", description="Result of a motion that reaches its goal without meeting the condition."

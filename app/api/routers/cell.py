@@ -25,9 +25,9 @@ router = EndpointRouter(tags=["cell"])
 class MeshAnswer(BaseModel):
     """The mesh of a part, around the middle of its bounding box."""
 
-    vertices: list[float] = Field(description="Coordinates of the vertices, one after the other: x, y, z, m.")
+    vertices: list[float] = Field(description="Coordinates of the vertices, concatenated: x, y, z, m.")
     triangles: list[int] = Field(
-        description="Indices of the vertices from 0, three for each triangle, one after the other."
+        description="Indices of the vertices from 0, three for each triangle, concatenated."
     )
 
 

@@ -47,7 +47,7 @@ class PushContact(BaseModel):
 
     pose: TcpPose = Field(description="Pose of the TCP when it touched.")
     distance_m: float = Field(description="Distance from the start along the push, m.")
-    force_n: float = Field(description="Force at that moment, N.")
+    force_n: float = Field(description="Force at the first contact, N.")
 
 
 class ForceAnswer(BaseModel):

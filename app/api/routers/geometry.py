@@ -69,9 +69,7 @@ class JointShown(BaseModel):
     slides: bool = Field(description="true: the joint slides along its axis; false: it turns about its axis.")
     axis: list[float] = Field(description="Direction of the axis in the body's frame.")
     anchor: list[float] = Field(description="A point of the axis in the body's frame, m.")
-    reference: float = Field(
-        description="Position of the joint for which the pose of the body is given, rad or m."
-    )
+    reference: float = Field(description="Joint position that the body's pose is given for, rad or m.")
 
 
 class ShapeShown(PoseIn):
@@ -93,16 +91,16 @@ class BodyShown(PoseIn):
     name: str = Field(description="Name in messages about collisions; may be empty.")
     parent: int = Field(description="Index of the parent body; the first body is the world.")
     part: str = Field(description="Where the body belongs: robot, tool or scene.")
-    joints: list[JointShown] = Field(description="Joints that move it, in their order.")
+    joints: list[JointShown] = Field(description="Joints that move it, in order.")
     shapes: list[ShapeShown] = Field(description="The solids that form the body.")
 
 
 class MeshShown(BaseModel):
     """Triangles."""
 
-    vertices: list[float] = Field(description="Coordinates of the vertices, one after the other: x, y, z, m.")
+    vertices: list[float] = Field(description="Coordinates of the vertices, concatenated: x, y, z, m.")
     triangles: list[int] = Field(
-        description="Indices of the vertices from 0, three for each triangle, one after the other."
+        description="Indices of the vertices from 0, three for each triangle, concatenated."
     )
 
 

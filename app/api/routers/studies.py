@@ -71,7 +71,7 @@ class StartStudy(RequestModel):
     )
     confidence: float | None = Field(None, description="For robustness: confidence level of the intervals.")
     search: Part | None = Field(None, description="A search with Optuna.")
-    study: Part | None = Field(None, description="For compare: what all variants have in common.")
+    study: Part | None = Field(None, description="For compare: the part common to all variants.")
     variants: dict[str, Part] | None = Field(None, description="For compare: the variants by name.")
     max_s: float = Field(
         3600.0, gt=0.0, le=86400.0, allow_inf_nan=False, description="Maximum duration of this run, s."
@@ -95,7 +95,8 @@ class StudyAnswer(BaseModel):
         description="A partial study continues when the same study is started again."
     )
     reason: str = Field(
-        description="Reason why the study is not finished. Empty while it runs and after it has finished."
+        description="Reason why the study is not finished. Empty while it is running and after it has "
+        "finished."
     )
     tasks: int = Field(description="Number of tasks.")
     done: int = Field(description="Number of tasks that are done.")

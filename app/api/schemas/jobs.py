@@ -77,7 +77,7 @@ class JobAnswer(BaseModel):
         description="Reason why the job has not succeeded, in the form of an error response."
     )
     actions: list[ActionAnswer] = Field(description="Results of the actions on the path.")
-    waits_for: str | None = Field(description="The condition for which the motion waits now.")
+    waits_for: str | None = Field(description="The condition that the motion is waiting for.")
     stopped_by: str | None = Field(description="The condition that has ended the motion.")
     contact: ContactAnswer | None = Field(description="The moment at which it was met.")
     created_at: datetime = Field(description="Time of the request.")

@@ -143,7 +143,7 @@ class NoticeAnswer(BaseModel):
 
 
 class PlanningAnswer(BaseModel):
-    """How good a planned motion is, and what its planning took."""
+    """The quality of a planned motion, and statistics of its planning."""
 
     quality: PlanQuality = Field(
         description="first: the first motion that has passed all checks. improved: a faster one; more "
@@ -173,9 +173,7 @@ class PlanAnswer(BaseModel):
     model_config = example(PLANNED)
 
     plan_id: str = Field(description="Id of the plan, for POST /robot/execute.")
-    expires_in_s: float = Field(
-        description="Time for which the plan is kept, s; shorter if there are many plans."
-    )
+    expires_in_s: float = Field(description="How long the plan is kept, s; shorter if there are many plans.")
     duration_s: float = Field(description="Duration at full speed, s; 0 if the arm is already there.")
     planning_time_s: float = Field(0.0, description="Time that planning took, s.")
     planning: PlanningAnswer | None = Field(

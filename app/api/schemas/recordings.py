@@ -78,7 +78,7 @@ class RecordedPathAnswer(BaseModel):
 class RecorderAnswer(BaseModel):
     """The process that records."""
 
-    alive: bool = Field(description="Whether the process runs.")
+    alive: bool = Field(description="Whether the process is running.")
     pid: int = Field(description="Process id; 0: the process has not started yet.")
     recording: str = Field(
         description="Prefix of the file names of the continuous recording; empty: there is none."

@@ -108,7 +108,7 @@ class ControlAnswer(BaseModel):
     how: Literal["explicit", "implicit"] | None = Field(
         description="explicit: by a lease; implicit: by the current motion, until it ends."
     )
-    what: str | None = Field(description="The request that moves the arm now.")
+    what: str | None = Field(description="The request that is moving the arm.")
     since: datetime | None = Field(description="Time when the client took control, if known.")
     until: datetime | None = Field(description="Time when the lease ends, if nothing moves until then.")
     speed_fraction: float = Field(description="The speed override: share of the planned speed.")
@@ -245,7 +245,7 @@ class StartedAnswer(BaseModel):
     """
 
     status: Annotated[
-        Literal["started"], Field(description="Always started: the process of the sequence runs.")
+        Literal["started"], Field(description="Always started: the sequence's process is running.")
     ] = "started"
     sequence_id: int = Field(description="Number of the sequence, counted from 1.")
     pid: int = Field(description="Process id.")
@@ -267,7 +267,7 @@ class SequenceStatusAnswer(BaseModel):
     n_waypoints: int | None = Field(description="Number of waypoints or steps in an iteration.")
     step: str | None = Field(description="Current step, as in the log, including steps inside other steps.")
     started_at: datetime | None = Field(description="Time of the start.")
-    finished_at: datetime | None = Field(description="Time of the end; null while the sequence runs.")
+    finished_at: datetime | None = Field(description="Time of the end; null while the sequence is running.")
     returncode: int | None = Field(
         description="Exit code of the process. 0: success; negative: the signal that ended it."
     )

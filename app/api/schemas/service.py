@@ -68,7 +68,7 @@ class RobotHealth(BaseModel):
     robot: dict[str, Any] = Field(description="The arm: its mode, its motion, and whether it has settled.")
     rtloop: dict[str, Any] = Field(description="The real-time process: pid, permissions, overruns.")
     service: dict[str, Any] = Field(
-        description="This service: pid, time since its start, and the request that moves the arm."
+        description="This service: pid, time since its start, and the request that is moving the arm."
     )
     planning: dict[str, Any] = Field(
         description="The planning processes: state, and the numbers of usable, busy and replaced processes."

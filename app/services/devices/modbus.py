@@ -83,7 +83,7 @@ class Modbus:
         return self._signals[name]
 
     def signals(self) -> list[Signal]:
-        """List the signals, in the order in which they were added."""
+        """List the signals, in the order they were added."""
         return list(self._signals.values())
 
     def value(self, name: str) -> int:

@@ -2,8 +2,8 @@
 releases it. A part of a simulated cell is in the scene only while it is held, and may then touch the fixtures
 of the cell.
 
-The load in the scene changes only while the arm is at rest. If the arm moves, the change is made when it is
-next at rest.
+The load in the scene changes only while the arm is at rest. If the arm is moving, the change is made when it
+is next at rest.
 """
 
 from __future__ import annotations
@@ -97,7 +97,8 @@ class HeldService:
         """Wait until the held object is in the scene, unless this change is postponed until the arm is at
         rest.
 
-        Without this wait the client's next motion would be rejected, because the change still uses the robot.
+        Without this wait the client's next motion would be rejected, because the change is still using the
+        robot.
         """
         while self._task is not None and not self._postponed:
             await asyncio.wait({self._task}, timeout=AGAIN_S)

@@ -54,7 +54,7 @@ class EqualMotions:
         self._following: dict[str, asyncio.Task[None]] = {}
 
     async def wait(self, robots: tuple[str, ...]) -> None:
-        """Wait until no synchronous motion moves any of these robots."""
+        """Wait until no synchronous motion is moving any of these robots."""
         tasks = {self._following[name] for name in robots if name in self._following}
         if tasks:
             await asyncio.wait(tasks)

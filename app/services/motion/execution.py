@@ -84,7 +84,7 @@ class MotionService:
 
         Raises:
             UnavailableError: see `RobotLink.await_ready_state`.
-            ConflictError: the arm still executes a motion whose client has disconnected.
+            ConflictError: the arm is still executing a motion whose client has disconnected.
         """
         state = await self._link.await_ready_state(STATE_TIMEOUT_S)
         if state.mode is not LoopMode.HOLD:
@@ -106,7 +106,7 @@ class MotionService:
         self, claim: Claim, request: MotionRequest, timeout_s: float
     ) -> tuple[Trajectory | None, Planned]:
         """Plan a motion for a claim within the request's time budget, see `plan_within_budget`. An
-        interruption of the claim ends planning, and discards what has been planned so far.
+        interruption of the claim ends planning, and discards the plans made so far.
         """
         budget_s = min(request.budget_s, MAX_BUDGET_SHARE * timeout_s)
         if budget_s <= 0.0:

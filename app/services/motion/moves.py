@@ -245,7 +245,7 @@ class MoveService:
         begun: _Begun,
         fence: Fence | None = None,
     ) -> None:
-        """Start a motion and follow it to its end. If no client waits, there is no timeout."""
+        """Start a motion and follow it to its end. If no client is waiting, there is no timeout."""
         follower = begun.follower = await self._motion.start(claim, trajectory, fence, begun.signals)
         if not caller.waits:
             watch.close()

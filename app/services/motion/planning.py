@@ -150,7 +150,7 @@ class PlanningService:
 
         Args:
             scene: a scene that is not in force yet; None for the current one.
-            processes: number of processes, in the order in which tasks are assigned to them; None for all.
+            processes: number of processes, in the order of task assignment; None for all.
         """
         ahead = self._preparation(scene or self.scene, self.tool)
         if ahead is not None:

@@ -148,9 +148,8 @@ class PlanningPool:
             self._keepers = [asyncio.create_task(self._keep()) for _ in range(self.size)]
 
     async def prepare(self, ahead: Preparation, workers: int) -> None:
-        """Let this number of free workers prepare in advance, in the order in which tasks are assigned to
-        them. Returns before they have done so. A worker that is still preparing is left out, so that
-        preparations do not pile up.
+        """Let this number of free workers prepare in advance, in the order of task assignment. Returns before
+        they have done so. A worker that is still preparing is left out, so that preparations do not pile up.
         """
         packed = await ahead.pack()
         taken: list[_Worker] = []

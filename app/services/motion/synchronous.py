@@ -173,7 +173,7 @@ class SyncService:
         return True
 
     async def wait(self, robots: tuple[str, ...]) -> None:
-        """Wait until no synchronous motion moves any of these robots."""
+        """Wait until no synchronous motion is moving any of these robots."""
         await self._motions.wait(robots)
 
     async def move(self, targets: dict[str, RobotTarget]) -> None:

@@ -161,7 +161,7 @@ class ProgramService:
 
 
 async def _check(path: Path, folder: Path) -> None:
-    """Make the runner check a program in a separate process, in the same way as it will be run."""
+    """Make the runner check a program in a separate process, as it will be run."""
     process = await asyncio.create_subprocess_exec(
         *RUN_MODULE,
         "cobot.runner",

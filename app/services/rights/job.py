@@ -104,7 +104,7 @@ class JobRecord:
         note: see `Trajectory`.
         started_at: time when its first motion began.
         actions: results of the actions, for the newest motion that has actions.
-        waits_for: the condition for which the motion waits, in words; "" if the motion does not wait.
+        waits_for: the condition that the motion is waiting for, in words; "" if it is not waiting.
         stopped_by, contact: see `SignalResults`.
     """
 

@@ -41,7 +41,7 @@ class ContactOutcome:
         value: value of the quantity that the condition compares.
         path_time_s, robot_time_s: path time and robot time of the cycle, s.
         overshoot_m: distance that the TCP moved after the contact until it was at rest, m; None while the TCP
-            moves.
+            is moving.
         retracted_m: distance that the TCP moved back afterwards, m.
     """
 
@@ -61,7 +61,7 @@ class SignalResults:
     """All results of one motion.
 
     Attributes:
-        waits_for: the condition for which the motion waits, in words; "" if the motion does not wait.
+        waits_for: the condition that the motion is waiting for, in words; "" if it is not waiting.
         stopped_by: the condition that has ended the motion; "" if the motion was not ended by a condition.
     """
 

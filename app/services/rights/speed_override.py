@@ -77,7 +77,7 @@ class SpeedOverride:
         """Set the fraction for the current motion and all later ones.
 
         Raises:
-            ConflictError: the robot moves together with other robots.
+            ConflictError: the robot is moving together with other robots.
             LimitError: the fraction is out of bounds.
             NotSupportedError: the device executes whole motions itself.
             UnavailableError: rtloop does not answer.

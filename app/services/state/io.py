@@ -14,7 +14,7 @@ from cobot.strict import shown
 
 
 class IoService:
-    """Reads what the device has reported, and sets outputs one at a time."""
+    """Reads the values that the device has reported, and sets outputs one at a time."""
 
     def __init__(self, link: RobotLink) -> None:
         self._link = link

@@ -225,7 +225,7 @@ class StreamService:
 
         Raises:
             InputError: the request is invalid.
-            ConflictError: another client is moving the arm or streams. The error names it.
+            ConflictError: another client is moving the arm or streaming. The error names it.
             NotReadyError: the mode is ESTOP or FAULT.
             ExecutionError: rtloop rejects the session; the error gives the reason.
             UnavailableError: rtloop does not answer.

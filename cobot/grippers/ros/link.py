@@ -17,7 +17,7 @@ CLOSE_S = 2.0
 
 @dataclass(slots=True)
 class GripperGoal:
-    """A goal, and what was received about it.
+    """A goal, and the messages received about it.
 
     Attributes:
         number: number of the goal; 0 if no goal was sent yet.

@@ -1,4 +1,4 @@
-"""Uses the Remote Motion Interface to permit motion, and to report what Stream Motion does not report.
+"""Uses the Remote Motion Interface to permit motion, and to report values that Stream Motion lacks.
 
 These methods run on the worker's thread.
 """

@@ -89,7 +89,7 @@ class RobotApi:
         self._stream = None
 
     def _exchange(self, stream: ByteStream) -> bool:
-        """Send the request and read what has arrived. Return whether the answer is complete."""
+        """Send the request and read the data that has arrived. Return whether the answer is complete."""
         if not self._is_sent:
             if not stream.is_connected():
                 return False

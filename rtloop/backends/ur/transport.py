@@ -68,7 +68,7 @@ class UrTransport(Protocol):
         ...
 
     def listen(self, port: int) -> ByteListener:
-        """Listen on a port. Raises OSError if another program uses it."""
+        """Listen on a port. Raises OSError if another program is using it."""
         ...
 
     def wait(self, streams: Sequence[ByteStream], timeout_s: float) -> None:

@@ -35,8 +35,8 @@ class QueueLine:
             the first one.
 
     Attributes:
-        end: joint position at the end of the last planned move, shape (dof,), rad. If no planned move waits,
-            joint position at the end of the current motion.
+        end: joint position at the end of the last planned move, shape (dof,), rad. If no planned move is
+            waiting, joint position at the end of the current motion.
     """
 
     def __init__(self, planner: MovePlanner, give_up: GiveUp, end: Array) -> None:

@@ -57,7 +57,7 @@ class QueueMotion:
     """Executes the motions of one robot's queue, one at a time.
 
     Attributes:
-        moves: the moves of the current or the last motion that have not ended, in the order of execution.
+        moves: the moves of the current or the last motion that have not ended, in execution order.
     """
 
     def __init__(self, link: RobotLink, motion: MotionService, planner: MovePlanner, jobs: QueueJobs) -> None:

@@ -1,9 +1,9 @@
 """The motion queue: moves are accepted at once and executed in order, in the background.
 
 The queue holds the claim on the arm from its first move until it is empty. Waiting moves are executed as one
-motion, which is extended while the arm moves; see the module `motion`. A move with a blend radius that takes
-at most `SHORT_S` waits for `BLEND_WAIT_S`, because otherwise the next move could not be planned in time. Each
-further move renews this wait.
+motion, which is extended while the arm is moving; see the module `motion`. A move with a blend radius that
+takes at most `SHORT_S` waits for `BLEND_WAIT_S`, because otherwise the next move could not be planned in
+time. Each further move renews this wait.
 
 Each move can be removed at any time, without waiting for planning. The moves after it are planned again from
 their new start. If the move is part of the current motion, the arm first stops on its path.

@@ -165,7 +165,7 @@ class Left:
     """The remaining part of a motion that was cut off.
 
     Attributes:
-        moves: the remaining moves, in the order of execution.
+        moves: the remaining moves, in execution order.
         begun: the move during which the arm stopped; None if none of the remaining moves has begun.
         start: position of the arm at rest, shape (dof,), rad.
     """

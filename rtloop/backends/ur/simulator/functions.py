@@ -37,7 +37,7 @@ class _Socket:
 
 
 class ProgramContext:
-    """What the functions of a program have commanded.
+    """The commands from a program's functions.
 
     Attributes:
         goal: joint position for this control period, shape (dof,), rad; None without a goal.
