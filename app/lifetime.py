@@ -26,7 +26,7 @@ from cobot.config import Settings
 from cobot.robot.description import RobotDescription
 
 STOP_S = 3.0
-"""Timeout for each arm to come to rest when the service shuts down, s."""
+"""Timeout for each arm to stop when the service shuts down, s."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,7 +53,7 @@ LIVE_WEB = ("allowed_hosts", "allowed_origins", "max_body_bytes", "max_json_byte
 or is notified.
 """
 BY_CONTENT = {"web.endpoints", "web.joint_limits", "robot.srdf", "robot.cell"}
-"""Settings that name a file. A change is detected by the file's content and not by its name."""
+"""Settings that name a file. A change is detected by the file's content, not its name."""
 STATE_TIMEOUT_S = 1.5
 RTLOOP_TIMEOUT_S = 20.0
 POLL_S = 0.02

@@ -83,12 +83,12 @@ class TrajectoryRun:
             claim.interrupt(self.cause)
 
     def proceed(self) -> None:
-        """Raise the cause if this run has to end."""
+        """Raise the cause if this run must end."""
         if self.cause is not None:
             raise self.cause
 
     async def sleep(self, seconds: float) -> None:
-        """Sleep for a given time. If the run has to end, the sleep ends at once and the cause is raised."""
+        """Sleep for a given time. If the run must end, the sleep ends at once and the cause is raised."""
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(self._interrupted.wait(), max(seconds, 0.0))
         self.proceed()

@@ -36,11 +36,11 @@ LARGE_BYTES = 65536
 MAX_BODY = 4096
 """Maximum length of a body that is kept with its job, in characters of JSON."""
 JOB, JOB_ID = "cobot.job", "cobot.job_id"
-"""Keys in the scope of a request for the job that it names, and for the id that its new job will have."""
+"""Keys in a request's scope: the job that it names, and the id of its new job."""
 
 
 def robots_of(connection: HTTPConnection) -> dict[str, Services]:
-    """Return the services of each robot by its name, the default robot first."""
+    """Return the services of each robot by name, the default robot first."""
     return cast(dict[str, Services], connection.app.state.robots)
 
 

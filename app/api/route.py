@@ -106,7 +106,7 @@ def _validated(body: bytes, model: type[BaseModel]) -> BaseModel:
 
 
 def without_collection(function: Callable[..., Result], *arguments: Any) -> Result:
-    """Call a function without garbage collection, which would traverse all new objects again and again."""
+    """Call a function without garbage collection, which would traverse all new objects repeatedly."""
     gc.disable()
     try:
         return function(*arguments)

@@ -72,7 +72,7 @@ ament_package()
 
 @cache
 def interface_definitions() -> Mapping[str, str]:
-    """The definition of each interface, by its type: `aubo_interfaces/srv/GetDof`, `.../action/ServoMode`."""
+    """The definition of each interface, by type: `aubo_interfaces/srv/GetDof`, `.../action/ServoMode`."""
     by_type: dict[str, list[VendorService]] = {}
     for found in REGISTRY.values():
         by_type.setdefault(found.type_name, []).append(found)
@@ -82,7 +82,7 @@ def interface_definitions() -> Mapping[str, str]:
 
 
 def package_files(wanted: Collection[str] | None = None) -> dict[str, str]:
-    """The content of each file of the package, by its path in the package's folder.
+    """The content of each file of the package, by path in the package's folder.
 
     Args:
         wanted: the types in the package; None: all.

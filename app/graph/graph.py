@@ -101,7 +101,7 @@ class Graph(Topics):
             self.note_change()
 
     def service(self, name: str) -> GraphService:
-        """Return a service by its name.
+        """Return a service by name.
 
         Raises:
             NotFoundError: there is no such service.
@@ -178,7 +178,7 @@ class Graph(Topics):
             raise InputError(f"{name}: goal {goal_id} cannot be cancelled: {code.name.lower()}")
 
     def action(self, name: str) -> ActionServer:
-        """Return an action by its name.
+        """Return an action by name.
 
         Raises:
             NotFoundError: there is no such action.

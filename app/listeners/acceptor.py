@@ -1,4 +1,4 @@
-"""Accepts connections, only a few at a time, and at most as many as the available file descriptors permit."""
+"""Accepts connections: a few at a time, and no more than the available file descriptors permit."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ HANDSHAKES_AT_ONCE = 4
 takes about a millisecond.
 """
 GRACE_S = 0.02
-"""Time that a new connection has to send its request when few places are free, s. It also determines how
+"""Time limit for a new connection to send its request when few places are free, s. It also determines how
 quickly connections are accepted. Other connections wait in the kernel's queue.
 """
 SPARE_DESCRIPTORS = 64

@@ -33,7 +33,7 @@ class Doing(Enum):
 
 CLOSABLE = (Doing.ASKING, Doing.IDLE, Doing.SENDING, Doing.WAITING)
 SETTLED_S = 0.25
-"""Time that a new connection has to send its request, s. After that it is evicted before connections that
+"""Time limit for a new connection to send its request, s. After that it is evicted before connections that
 have sent one.
 """
 TURN_S = 2.0

@@ -29,7 +29,7 @@ async def serving(
     """Serve a graph while the context is open.
 
     Args:
-        robots: the services of each robot by its name.
+        robots: the services of each robot by name.
         tcps: the name of each robot's TCP.
     """
     messages = Messages()

@@ -25,7 +25,7 @@ MAX_OPTIONAL = 256
 """Number of waiting messages above which feedback and status messages are dropped."""
 MAX_PER_TOPIC = 100
 """Maximum number of subscriptions or advertisements of one topic by one client. They are distinguished by
-their ids.
+id.
 """
 DEFAULT_QUEUE = 100
 """Maximum number of messages of a topic that wait, if the client gives no number or 0."""

@@ -316,7 +316,7 @@ class Cell(CellEntry):
 
     Attributes:
         floor_m: height of the floor in the base frame; None for no floor.
-        examples: files of example programs, by their labels.
+        examples: files of example programs, by label.
     """
 
     floor_m: Coordinate | None = 0.0

@@ -485,7 +485,7 @@ class Client(ForceMoves, Steps, EventConnection):
         speed.
 
         Args:
-            payload_checked: whether the arm carries the tool and the load of the model, so that no tool has
+            payload_checked: whether the arm carries the tool and the load of the model, so that no tool needs
                 to be set.
         """
         body = {"payload_checked": payload_checked}

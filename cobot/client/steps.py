@@ -140,7 +140,7 @@ class Steps(Jobs):
         return list(self._json("GET", "/robot/io")["points"])
 
     def set(self, output: str, value: float) -> Json:
-        """Set an output of the device by its name. Returns when the device reports the new value.
+        """Set an output of the device by name. Returns when the device reports the new value.
 
         Args:
             value: true or false for a boolean output, otherwise a number.

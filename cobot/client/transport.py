@@ -88,7 +88,7 @@ class Transport(Protocol):
 
 
 def local_transport(robot: str, clock: Clock) -> Transport:
-    """A transport to a robot that runs on this computer, by its name.
+    """A transport to a robot on this computer, by name.
 
     Raises:
         NotSupportedError: only the distribution cobot-client is installed, which has no shared memory.

@@ -58,7 +58,7 @@ def show_table(rows: list[Json], columns: dict[str, str]) -> None:
 
 
 def show_event(event: Json) -> None:
-    """Print an event as one line. Empty fields are left out."""
+    """Print an event as one line. Empty fields are omitted."""
     present = {name: value for name, value in event["data"].items() if value not in (None, "")}
     data = " ".join(f"{name}={_shown(value)}" for name, value in present.items())
     moment = str(event["time"])[11:23]

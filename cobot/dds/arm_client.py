@@ -446,9 +446,7 @@ class ArmClient:
     # Topics
 
     def _take_joints(self, message: Message) -> None:
-        """Read the joints by their names, because other devices may publish their joints on the same
-        topic.
-        """
+        """Read the joints by name, because other devices may publish their joints on the same topic."""
         places = {name: place for place, name in enumerate(message["name"])}
         missing = [
             name for name in self._joints if name not in places or places[name] >= len(message["position"])

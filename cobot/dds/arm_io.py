@@ -29,7 +29,7 @@ class ArmIo(Protocol):
     """Inputs and outputs of a driver.
 
     Attributes:
-        values: latest values of the interfaces in use, by their names.
+        values: latest values of the interfaces in use, by name.
         heard_s: time at which the values arrived, on the monotonic clock.
         problem: the reason why an output that `set_output` has sent was not set or was set late, or why an
             interface cannot be read; "" if there is no known problem.

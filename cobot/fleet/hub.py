@@ -229,7 +229,7 @@ class Hub:
         return HubTime(epoch=self.instance, time_s=time.monotonic())
 
     def cells(self) -> list[dict[str, Any]]:
-        """All robots of all cells, sorted by their names."""
+        """All robots of all cells, sorted by name."""
         with self._lock:
             return [self._shown(tile) for _, tile in sorted(self._tiles.items())]
 

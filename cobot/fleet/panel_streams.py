@@ -21,7 +21,7 @@ class PanelStream:
 
     Attributes:
         status, headers: status and headers of an HTTP answer. The status is 0 until they have arrived, and
-            for a WebSocket.
+            always 0 for a WebSocket.
         send: function that sends a message from the hub; None for an HTTP answer.
         read_s: time of the last read.
     """

@@ -64,7 +64,9 @@ from cobot.fleet.status import status_of
 from cobot.strict import sentences
 
 MAX_ALL_REQUESTS, MAX_CONNECTIONS = 200, 500
-"""Maximum number of requests in progress for all panels together, and of connections from browsers."""
+"""Maximum number of requests in progress for all panels together, and maximum number of connections from
+browsers.
+"""
 BROWSER_S = 30.0
 """Timeout for a browser to send a request body, and to accept a piece of an answer. Without it, browsers that
 hang would use up the permitted number of requests.

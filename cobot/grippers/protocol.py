@@ -113,7 +113,7 @@ class GripperState:
         object: how the fingers hold an object; None if the gripper does not detect objects.
         temperature: temperature, °C.
         fault: the fault of the device, as a text; "" for none.
-        ages_s: additional age of values that are older than the state, by their names, s.
+        ages_s: additional age of values that are older than the state, by name, s.
     """
 
     width: float | None
@@ -210,9 +210,7 @@ class Now(Protocol):
 
 
 class IoPort(Protocol):
-    """The inputs and outputs of the robot, by their names in GET /robot/io. A driver uses them in its
-    thread.
-    """
+    """The inputs and outputs of the robot, by name in GET /robot/io. A driver uses them in its thread."""
 
     def read(self, name: str) -> float:
         """The last value that the robot has reported; 0 or 1 for a boolean.

@@ -1,4 +1,4 @@
-"""The grippers by their names: those that are part of cobot, and those that installed packages declare."""
+"""The grippers by name: those that are part of cobot, and those that installed packages declare."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The planners that a motion can request: their names and traits.
 
-This table is the only list of planners. The web service, the schemas and the documents read it, and so does
-`cobot.planners`, which the web service does not import.
+This table is the only list of planners. The web service, the schemas, the documents and `cobot.planners` read
+it; the web service does not import `cobot.planners`.
 """
 
 from __future__ import annotations

@@ -180,7 +180,7 @@ class UntilCondition(_EdgeTest):
 
 
 class SignalFields(RequestModel):
-    """Fields of a motion with actions on its path, and with conditions."""
+    """Fields of a motion with actions on its path and conditions."""
 
     actions: Annotated[list[PathAction], FailFast()] = Field(
         [], max_length=MAX_ACTIONS, description="Actions at places on the path. Each is executed once."

@@ -81,8 +81,8 @@ class RecordingFile:
             "monotonic_to_wall_ns": str(self._ahead_ns),
         }
         self._writer.add_metadata("cobot", robot | about)
-        # Foxglove uses this record to assign a recording to a device, and to recognise a recording that it
-        # has already imported.
+        # Foxglove uses this record to assign a recording to a device and to recognise one that it has already
+        # imported.
         device = {"deviceName": memory.robot, "key": f"{memory.robot}-{self.path.stem}"}
         self._writer.add_metadata("foxglove", device)
         for topic in TOPICS:

@@ -36,7 +36,7 @@ def with_limits(
     permits.
 
     Args:
-        robots: each robot's limits by its name.
+        robots: each robot's limits by name.
     """
 
     def describe() -> dict[str, Any]:

@@ -25,7 +25,7 @@ from cobot.strict import shown
 
 FIRST = "cobot token create NAME --role admin"
 CHANGE_S = 10.0
-"""Timeout for a change, in seconds. A change may have to wait because another program can lock the file for
+"""Timeout for a change, in seconds. A change may wait, because another program can lock the file for
 `tokens.LOCKED_S`.
 """
 

@@ -17,7 +17,7 @@ from cobot.access.roles import Role
 
 router = EndpointRouter(tags=["robot"])
 REST_S = 1.5
-"""Part of an endpoint's timeout that is left for the answer, s."""
+"""Part of an endpoint's timeout reserved for the answer, s."""
 
 
 @router.endpoint("GET /robot/control", Role.OBSERVER, timeout_s=1.5)

@@ -30,7 +30,7 @@ from cobot import audit
 from cobot.access.roles import Role
 
 ANSWER_S = 1.0
-"""Part of an endpoint's timeout that is left for the answer, s."""
+"""Part of an endpoint's timeout reserved for the answer, s."""
 FEW = 50
 """Maximum number of jobs that are rendered at once, which takes a few milliseconds."""
 CHANGED = responses(404, 409, 422, 503)

@@ -1,4 +1,4 @@
-"""The list of robots, and the endpoints of each robot by its name."""
+"""The list of robots, and the endpoints of each robot by name."""
 
 from __future__ import annotations
 

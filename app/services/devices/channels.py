@@ -12,7 +12,7 @@ from cobot.errors import ConflictError, DeviceError, DeviceTimeout, InputError, 
 from cobot.strict import shown
 
 BUFFER_BYTES = 65_536
-"""Maximum number of received bytes that wait to be read. When it is reached, the sender has to wait."""
+"""Maximum number of received bytes that wait to be read. When it is reached, the sender must wait."""
 MAX_OPEN = 32
 MAX_NAME = 200
 TIMEOUT_S = 2.0

@@ -44,7 +44,7 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, LoopMode, PlannerName
 
 REST_TIMEOUT_S = 5.0
-"""Timeout for the arm to come to rest when a motion is stopped, s."""
+"""Timeout for the arm to stop when a motion is stopped, s."""
 STATE_TIMEOUT_S = 1.5
 """Timeout for a new state from rtloop during a motion, s. It is less than the two seconds within which the
 client must be informed of a problem.
@@ -235,7 +235,7 @@ class MotionService:
         await asyncio.to_thread(checker.check_trajectory, trajectory)
 
     async def arrival(self, claim: Claim, signals: FollowsSignals | None = None) -> None:
-        """Wait until the motion has ended at its goal, or has been ended by its condition `until`.
+        """Wait until the motion has ended, at its goal or by its condition `until`.
 
         Args:
             signals: signals of the motion.

@@ -20,7 +20,7 @@ ANSWER_S = 1.0
 unfinished work and for the answer.
 """
 MIN_COMPUTE_S = 0.01
-"""Minimum time for a planning process, s, even if less of the endpoint's timeout is left."""
+"""Minimum time for a planning process, s, even if less of the endpoint's timeout remains."""
 
 Result = TypeVar("Result")
 
@@ -90,7 +90,7 @@ class PlanAttempt:
 
     @property
     def spare_s(self) -> float:
-        """Time that is left, except the time for the answer, s."""
+        """Remaining time without the time for the answer, s."""
         return self._left_s() - ANSWER_S
 
     def _left_s(self) -> float:

@@ -62,7 +62,7 @@ class ProgramService:
         return self._sequences.status.status == "running"
 
     def names(self) -> list[str]:
-        """List all programs in the folder, by their path below it."""
+        """List all programs in the folder, by path below it."""
         folder = self._folder.resolve()
         found = (path for path in folder.rglob("*") if path.suffix in SUFFIXES and path.is_file())
         return sorted(str(path.relative_to(folder)) for path in found)

@@ -37,9 +37,7 @@ _ERRORS: dict[str, type[CobotError]] = {
         UnavailableError,
     )
 }
-"""Errors that the process reports, by their codes. Any other code means that the study does not fit the
-robot.
-"""
+"""Errors that the process reports, by code. Any other code means that the study does not fit the robot."""
 Keep = Callable[[StudyStatus], Awaitable[None]]
 
 

@@ -124,7 +124,7 @@ class SpeedOverride:
             ConflictError: a streaming session is running, which has no path.
             NotSupportedError: the device executes whole motions itself.
             UnavailableError: rtloop does not answer.
-            ExecutionError: an arm does not come to rest.
+            ExecutionError: an arm does not stop.
         """
         overrides = (self, *self.others)
         for override in overrides:

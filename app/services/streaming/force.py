@@ -284,7 +284,7 @@ class ForceService:
             await self._stopping.stop(STOP_TIMEOUT_S)
 
     def _step(self) -> str:
-        """Run one step. Returns the reason why force control has to end; "" if it continues."""
+        """Run one step. Returns the reason why force control must end; "" if it continues."""
         try:
             wrench = self.external_wrench()
             for axis, value, threshold in zip(AXES, wrench.tolist(), self.settings.thresholds, strict=True):

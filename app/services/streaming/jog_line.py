@@ -66,7 +66,7 @@ class JogLine:
         self._pose = _shifted(self._pose, way[:3], way[3:])
 
     def rest(self, position: Array) -> None:
-        """Record that the arm has come to rest at these joint positions. The line continues from there, but
+        """Record that the arm has stopped at these joint positions. The line continues from there, but
         without the deviation caused by the stop, unless it is large.
         """
         pose = self._model.forward(position)

@@ -95,7 +95,7 @@ class ServoSessions:
         return self._task
 
     def leave(self, reason: str, *, at_once: bool = True) -> None:
-        """Accept no further points. The arm stops at once, or after the points that were already accepted."""
+        """Accept no more points. The arm stops at once, or after the points that were already accepted."""
         self.generation += 1
         self._points.drop()
         if self._rules.active:

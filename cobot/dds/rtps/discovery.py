@@ -1,8 +1,8 @@
 """Finds participants and their endpoints, and matches compatible endpoints (RTPS 2.2, 8.5).
 
-Participants announce themselves by multicast, and by unicast to those from which they have heard. Endpoints
-are announced over reliable built-in topics between every two participants. This module is long because it
-decides in one place what counts as a peer, and which resources a peer may use.
+Participants announce themselves by multicast, and by unicast to those they have heard from. Endpoints are
+announced over reliable built-in topics between every two participants. This module is long because it decides
+in one place what counts as a peer, and which resources a peer may use.
 """
 
 from __future__ import annotations

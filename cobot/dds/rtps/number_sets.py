@@ -14,7 +14,7 @@ _FRAGMENT_BASE = Struct("<II")
 
 
 def _bitmap(base: int, members: Iterable[int]) -> tuple[int, bytes]:
-    """A set as a bitmap: its number of bits, and its words. Members outside base..base+255 are left out."""
+    """A set as a bitmap: its number of bits, and its words. Members outside base..base+255 are omitted."""
     words = [0] * (MAX_BITS // 32)
     count = 0
     for member in members:

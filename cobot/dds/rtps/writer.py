@@ -189,7 +189,7 @@ class Writer(RtpsEndpoint[ReaderProxy]):
         return len(body)
 
     def _send_fragments(self, proxy: ReaderProxy, left: int) -> int:
-        """Send fragments of the first sample in the queue. Returns the number of bytes that are left in the
+        """Send fragments of the first sample in the queue. Returns the number of bytes remaining in the
         burst.
         """
         change, fragments = next(iter(proxy.queue.items()))

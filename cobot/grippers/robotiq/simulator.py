@@ -49,7 +49,7 @@ class Simulator:
     ) -> None:
         self.slave = Slave(Fingers(model, time.monotonic), unit)
         self.late_s = 0.0
-        # The ports come first: if one of them is in use, nothing is left behind.
+        # The ports come first: if one is in use, nothing needs cleaning up.
         self._listener = socket.create_server((host, port))
         try:
             self._urcap = socket.create_server((host, urcap_port))

@@ -27,7 +27,7 @@ NEAR_SHARE = 0.8
 each other.
 """
 VELOCITY = {False: 1.0, True: 0.25}
-"""Guessed velocity of a rotary joint, rad/s, and of a linear joint, m/s."""
+"""Guessed velocity of a rotary joint, rad/s, and a linear joint, m/s."""
 ACCELERATION_PER_VELOCITY, JERK_PER_ACCELERATION = 4.0, 10.0
 """Guessed ratios: full speed is reached within a quarter of a second, full acceleration within a tenth."""
 MAX_ACCELERATION = 100.0

@@ -1,6 +1,6 @@
 """A process that reads possibly hostile files, meshes and MJCF, with bounded memory and time.
 
-A request is one line of JSON, and so is its answer. A worker that takes too long is killed. A worker that
+A request and its answer are one line of JSON each. A worker that takes too long is killed. A worker that
 needs too much memory or crashes ends. The next request starts a new worker.
 """
 

@@ -46,7 +46,7 @@ def packed(points: Array, voxel_m: float) -> str:
     voxels is kept, so the text of a new cloud need not be read back.
 
     Args:
-        points: coordinates of the points, shape (n, 3), m. They must be finite, and at most 100 m from the
+        points: coordinates of the points, shape (n, 3), m. They must be finite and at most 100 m from the
             origin along each axis.
         voxel_m: edge of a voxel, at least 0.1 mm; the grid begins at the origin.
     """

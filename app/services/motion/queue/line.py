@@ -64,7 +64,7 @@ class QueueLine:
 
     @property
     def is_loose(self) -> bool:
-        """Whether some moves have to be planned again."""
+        """Whether some moves must be planned again."""
         return bool(self._loose)
 
     def begins_with(self, chain: Sequence[QueuedMove]) -> bool:

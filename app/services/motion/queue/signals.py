@@ -67,7 +67,7 @@ class MoveSignals:
 
         Args:
             number: number of the move. It makes the numbers of the actions unique in the queue.
-            begin_s, ends_s: path times at which the move begins, and at which each of its motions ends.
+            begin_s, ends_s: path times of the move's start and of the end of each of its motions.
             way, is_cut: see `place_signals`.
 
         Raises:
