@@ -76,7 +76,7 @@ class SharedParts:
         several: whether there is more than one robot; log lines and addresses then name the robot.
         tokens: the access tokens of running programs.
         events: the service's events, for its listeners.
-        study_turn: lock that is held while a study for any robot runs.
+        study_turn: lock that is held while a study for any robot is running.
     """
 
     config: Path | None

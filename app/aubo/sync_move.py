@@ -138,7 +138,7 @@ async def axis_group_move_joint(
 
     Args:
         name: group name.
-        q: the targets of all robots one after the other, rad.
+        q: the targets of all robots, concatenated, rad.
         a: the maximum acceleration of the fastest joint, rad/s²; 0 for 0.5.
         v: the maximum velocity of the fastest joint, rad/s; 0 for 0.5.
     """

@@ -171,7 +171,7 @@ def files_of(folder: Path) -> list[dict[str, str]]:
 
 
 def configuration_of(settings: Settings) -> str:
-    """A hash of the settings and their file contents. Names and paths are left out, because they differ
+    """A hash of the settings and their file contents. Names and paths are omitted, because they differ
     between cells.
     """
     content = []

@@ -32,8 +32,8 @@ def record(
 ) -> int:
     """Write the arm's states and commands to a file, until the time is over or `ended` returns True.
 
-    The action of a frame is the joint position that the real-time loop commanded at that moment. With a
-    gripper, the commanded width is also recorded, in the gripper topic.
+    The action of a frame is the joint position that the real-time loop commanded at the time of the frame.
+    With a gripper, the commanded width is also recorded, in the gripper topic.
 
     Returns:
         The number of frames.

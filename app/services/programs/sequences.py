@@ -190,8 +190,8 @@ class SequenceService:
         return self.status
 
     async def stop(self, reason: StopReason | None = None) -> str | None:
-        """End the runner, and kill it if it does not exit. Returns a description of what was stopped, or None
-        if nothing was running.
+        """End the runner, and kill it if it does not exit. Returns a description of the stopped sequence, or
+        None if nothing was running.
 
         Args:
             reason: the reason that is reported; None if a client has requested the stop.

@@ -40,7 +40,7 @@ class Caller:
         timeout_s: time after which the motion must have ended, s.
         gone: event that is set when the client disconnects. The arm then stops.
         job: the job of the motion; None if the caller needs the claim for something else.
-        waits: whether a client waits for the motion to end. If not, `timeout_s` applies only to its
+        waits: whether a client is waiting for the motion to end. If not, `timeout_s` applies only to its
             beginning.
     """
 

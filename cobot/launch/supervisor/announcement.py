@@ -20,7 +20,7 @@ def announce(settings: Settings, url: str, access: str, memories: Mapping[str, R
     """Log the service address, the clients that may use it, and the robots that are running.
 
     Args:
-        url: service URL; "" if no service runs.
+        url: service URL; "" if no service is running.
         access: the clients that may use the service, as a text for people.
         memories: shared memory of the robots whose cycles have begun.
     """

@@ -125,7 +125,7 @@ class MonitoringMessage:
         measured_position, commanded_position, ipo_position: rad.
         measured_torque, commanded_torque, external_torque: N·m.
         ipo_position: the controller's interpolator position, to which the overlay is added.
-        tracking_performance: quality with which the arm follows, 0 to 1; None if not reported.
+        tracking_performance: quality of the arm's tracking, 0 to 1; None if not reported.
         time_s: time on the controller's clock; None if not reported.
         measured_pose: x, y, z in mm and a quaternion, only in FRI 2.x.
         external_force: up to six values, N and N·m, only in FRI 2.7.

@@ -17,7 +17,7 @@ class UrOptions(BackendOptions):
 
     Attributes:
         address: the controller's IP address or host name.
-        port: TCP port of this computer to which the program on the controller connects; 0 for a free one.
+        port: TCP port of this computer that the program on the controller connects to; 0 for a free one.
         callback: address of this computer as the controller sees it; None for the address that the connection
             to the controller uses.
         dashboard: whether a start and a reset switch on the arm, release its brakes and unlock a protective

@@ -31,7 +31,7 @@ class Placement:
         offset_s: path time of the motion at which the trajectory begins.
         times_s: for each move with signals, by its number, the path time of its start and of the end of
             each leg.
-        placed: for each move with signals, by its number, the places of its signals.
+        placed: for each move with signals, by number, the places of its signals.
         way: the TCP path from the start of the first of these moves; None if no move has signals.
         signals: all signals in the form that rtloop needs, with path times of the trajectory.
     """

@@ -193,7 +193,7 @@ class UrServer:
             self._sent_s = None
 
     def _needs_command(self) -> ProgramStream | None:
-        """The program for which the newest data package still needs a command. Before its first command, a
+        """The program that still needs a command for the newest data package. Before its first command, a
         program waits.
         """
         program = self._program
