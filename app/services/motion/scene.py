@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import AsyncIterator, Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -325,16 +326,8 @@ class SceneService:
         """Write the scene to disk and inform the real-time loop."""
         before = self.scene
         await asyncio.to_thread(await staging)
-        try:
+        async with restored_on_error(partial(self._file.write, before), "scene"):
             await self._tell(scene)
-        except Exception as exc:
-            try:
-                await asyncio.to_thread(self._file.write, before)
-            except CobotError as also:
-                log.error("the next start of the service uses a rejected scene: %s", also)
-            if isinstance(exc, ExecutionError):
-                raise ConflictError(str(exc)) from exc
-            raise
 
     async def _tell(self, scene: Scene) -> None:
         if scene.loads == self.scene.loads:
@@ -446,6 +439,25 @@ class SceneService:
             if name not in bodies and name not in scene.objects:
                 valid = ", ".join([*bodies, *scene.objects])
                 raise NotFoundError(f"there is no body or object {shown(name)}; valid are: {valid}")
+
+
+@contextlib.asynccontextmanager
+async def restored_on_error(restore: Callable[[], None], what: str) -> AsyncIterator[None]:
+    """Restore a file if the real-time loop does not take over its new content.
+
+    Raises:
+        ConflictError: the real-time loop has rejected the new content.
+    """
+    try:
+        yield
+    except Exception as exc:
+        try:
+            await asyncio.to_thread(restore)
+        except CobotError as also:
+            log.error("the next start of the service uses a rejected %s: %s", what, also)
+        if isinstance(exc, ExecutionError):
+            raise ConflictError(str(exc)) from exc
+        raise
 
 
 async def _with_room(objects: dict[str, SceneObject]) -> dict[str, SceneObject]:

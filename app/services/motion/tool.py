@@ -10,14 +10,15 @@ import logging
 import math
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 from app.services.clients import CLIENT
 from app.services.motion.planning import PlanningService
-from app.services.motion.scene import SceneService
+from app.services.motion.scene import SceneService, restored_on_error
 from app.services.rights.claims import Caller
 from app.services.rights.ownership import Ownership
 from app.services.state.link import RobotLink
-from cobot.errors import CobotError, ConflictError, ExecutionError, InputError, LimitError
+from cobot.errors import CobotError, ConflictError, InputError, LimitError
 from cobot.robot.collision import CollisionChecker, Contact
 from cobot.robot.description import RobotDescription
 from cobot.robot.geometry.solids import MAX_SOLIDS
@@ -158,13 +159,8 @@ class ToolService:
         ]
         before = self.tool
         await asyncio.to_thread(self._file.write, tool)
-        try:
+        async with restored_on_error(partial(self._file.write, before), "tool"):
             await self._scene.send_load(tool, self._scene.scene)
-        except CobotError as exc:
-            await asyncio.to_thread(self._file.write, before)
-            if isinstance(exc, ExecutionError):
-                raise ConflictError(str(exc)) from exc
-            raise
         self._take_over(tool, ours)
         await self._planning.prepare()
         for tell in self.on_change:

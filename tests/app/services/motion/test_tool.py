@@ -250,6 +250,23 @@ def test_what_rtloop_refuses_does_not_change(robot: VirtualService, monkeypatch:
     assert simulation.tool.mass == 0.0
 
 
+def test_a_defect_on_the_way_to_rtloop_leaves_no_trace(
+    robot: VirtualService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before, kept = robot.get("/robot/tool").json(), file_of(robot).read()
+
+    async def fail(*arguments: Any) -> None:
+        assert file_of(robot).read() != kept
+        raise RuntimeError("a defect")
+
+    monkeypatch.setattr(robot.app.state.services.scene, "send_load", fail)
+    with pytest.raises(RuntimeError, match="a defect"):
+        have(robot, **BODY)
+    monkeypatch.undo()
+    assert robot.get("/robot/tool").json() == before
+    assert file_of(robot).read() == kept
+
+
 def _never(*arguments: Any) -> None:
     raise ValueError("the drives say no")
 
