@@ -294,7 +294,7 @@ def test_a_lua_program_may_do_what_its_token_may(locked: Locked, tmp_path: Path)
     ended = lua(locked, tmp_path, locked.tokens[Role.OBSERVER])
     assert ended.returncode == 0, ended.stdout
     assert "limits false" in ended.stdout
-    assert "it needs programmer" in ended.stdout
+    assert "this request needs the role programmer" in ended.stdout
     assert "dof 7" in ended.stdout
     assert "subscribed" in ended.stdout
     assert "limits true" in lua(locked, tmp_path, locked.tokens[Role.PROGRAMMER]).stdout
@@ -315,7 +315,7 @@ def test_a_program_that_the_service_runs_is_who_started_it_for_as_long_as_it_run
                 client.start_sequence(folder / "careful.lua", n_iterations=1)
             else:
                 loaded = {"program": "careful.lua"}
-                with pytest.raises(PermissionDenied, match="it needs programmer"):
+                with pytest.raises(PermissionDenied, match="this request needs the role programmer"):
                     client.start_sequence(folder / "careful.lua")
                 answers = [
                     client.call_service(locked.run.name, "RuntimeMachine", "loadProgram", loaded),

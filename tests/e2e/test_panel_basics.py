@@ -8,7 +8,7 @@ from __future__ import annotations
 from panel.jogging import (
     test_a_joint_moves_while_its_button_is_held,
     test_a_page_that_falls_silent_is_stopped_by_the_service,
-    test_without_a_connection_nothing_is_held,
+    test_without_a_connection_nothing_is_held_and_the_page_says_why,
 )
 from panel.looking import test_a_typed_value_is_planned_and_a_second_enter_runs_it
 from panel.moving import test_a_motion_is_shown_before_it_is_run
@@ -31,5 +31,5 @@ __all__ = [
     "test_it_shows_the_arm_where_it_is_and_asks_nobody_else",
     "test_it_speaks_german_and_chinese",
     "test_stop_is_everywhere",
-    "test_without_a_connection_nothing_is_held",
+    "test_without_a_connection_nothing_is_held_and_the_page_says_why",
 ]

@@ -14,7 +14,7 @@ import rtloop.recording
 from cobot.config import Settings
 from cobot.errors import LayoutError
 from cobot.ipc.layout import Command, Intervention, text
-from cobot.ipc.recording_memory import RecordingMemory
+from cobot.ipc.recording_memory import RecordingMemory, history_places
 from cobot.ipc.state_fields import RECORDED, StateField
 from cobot.robot.description import RobotDescription
 from cobot.types import LoopMode
@@ -110,11 +110,16 @@ def test_a_recorder_does_not_start_with_fields_that_it_cannot_copy(
         CycleRecorder(recording)
 
 
+def test_the_history_of_seven_joints_holds_the_default_time(settings: Settings) -> None:
+    """Wider records shorten the longest history without an error."""
+    assert history_places(7, 0.001, settings.recording.ring_s) == 120_000
+
+
 def test_the_memory_that_a_robot_needs_is_bounded(robot: RobotDescription) -> None:
     name = unique_name()
     made = RecordingMemory.create(name, robot.limits.dof, 0.0005, 600.0, robot.limits.names)
     try:
-        assert made.path.stat().st_size < 62_000_000
+        assert made.path.stat().st_size < 69_000_000
         assert made.history is not None
         assert made.history.capacity < 600.0 / 0.0005
     finally:

@@ -1,4 +1,4 @@
-// Things in the picture that are not the arm: the shadow, a map, the line of a clearance.
+// Things in the picture that are not the arm: the ground, lines, a map.
 import * as THREE from "../three/three.module.min.js";
 import { hueAt } from "./clearance.js";
 
@@ -54,4 +54,17 @@ export function points({ positions, colours, spacing }) {
 export function remove(drawn) {
   drawn?.removeFromParent();
   drawn?.geometry.dispose();
+}
+
+export function grid() {
+  const made = new THREE.GridHelper(4, 40, 0x8090a0, 0x8090a0);
+  made.rotation.x = Math.PI / 2;
+  made.material.transparent = true;
+  made.material.opacity = 0.35;
+  return made;
+}
+
+export function line(points, color) {
+  const shape = new THREE.BufferGeometry().setFromPoints(points.map((point) => new THREE.Vector3(...point)));
+  return new THREE.Line(shape, new THREE.LineBasicMaterial({ color }));
 }

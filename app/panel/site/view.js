@@ -1,7 +1,7 @@
 // The arm in 3D. It is drawn when something has changed, not otherwise.
 import { OrbitControls } from "../three/OrbitControls.js";
 import * as THREE from "../three/three.module.min.js";
-import { clearanceLine, points, remove, shadow } from "./drawings.js";
+import { clearanceLine, grid, line, points, remove, shadow } from "./drawings.js";
 import { Gizmo } from "./gizmo.js";
 import { Pointing } from "./pointing.js";
 import { Drawn, drawnPart } from "./shapes.js";
@@ -27,7 +27,7 @@ export class View {
     this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8890a0, 2.0));
     const sun = new THREE.DirectionalLight(0xffffff, 2.2);
     sun.position.set(2, -3, 4);
-    this.scene.add(sun, this.grid(), shadow());
+    this.scene.add(sun, grid(), shadow());
     this.gizmo = new THREE.Scene();
     this.gizmo.add(new THREE.AxesHelper(1));
     this.gizmoCamera = new THREE.OrthographicCamera(-1.3, 1.3, 1.3, -1.3, 0, 10);
@@ -55,14 +55,6 @@ export class View {
     this.asked = false;
     new ResizeObserver(() => this.resize()).observe(place);
     this.resize();
-  }
-
-  grid() {
-    const grid = new THREE.GridHelper(4, 40, 0x8090a0, 0x8090a0);
-    grid.rotation.x = Math.PI / 2;
-    grid.material.transparent = true;
-    grid.material.opacity = 0.35;
-    return grid;
   }
 
   resize() {
@@ -160,8 +152,7 @@ export class View {
   }
 
   line(points, color) {
-    const shape = new THREE.BufferGeometry().setFromPoints(points.map((point) => new THREE.Vector3(...point)));
-    const made = new THREE.Line(shape, new THREE.LineBasicMaterial({ color }));
+    const made = line(points, color);
     this.scene.add(made);
     return made;
   }

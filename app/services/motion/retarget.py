@@ -25,6 +25,7 @@ from app.services.rights.ownership import Ownership
 from app.services.state.link import RobotLink
 from cobot.errors import CobotError, ConflictError, ExecutionError, InputError
 from cobot.motions.change_over import ChangeOver
+from cobot.motions.planners import ANY_GOAL
 from cobot.motions.requests import MotionRequest
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Scene
@@ -36,8 +37,6 @@ MIN_LEAD_S, FIRST_LEAD_S, MAX_LEAD_S = 0.06, 0.1, 2.0
 minimum plus twice the last planning time.
 """
 ATTEMPTS = 3
-FREE_WAYS = (PlannerName.PTP, PlannerName.OMPL, PlannerName.CHOMP, PlannerName.AUTO)
-"""Planners that choose the path between start and goal themselves."""
 KINDS = (JobKind.MOVE, JobKind.EXECUTE)
 
 Result = TypeVar("Result")
@@ -151,7 +150,7 @@ class RetargetService:
         goal, job = claim.goal, claim.job
         if goal is None or job is None or claim.trajectory is not under_way:
             return None
-        if goal.planner not in FREE_WAYS or goal.constraints is not None:
+        if goal.planner not in ANY_GOAL or goal.constraints is not None:
             return None
         try:
             self._claim_of(job)

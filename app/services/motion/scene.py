@@ -326,7 +326,7 @@ class SceneService:
         """Write the scene to disk and inform the real-time loop."""
         before = self.scene
         await asyncio.to_thread(await staging)
-        async with restored_on_error(partial(self._file.write, before), "scene"):
+        async with restore_on_error(partial(self._file.write, before), "scene"):
             await self._tell(scene)
 
     async def _tell(self, scene: Scene) -> None:
@@ -442,7 +442,7 @@ class SceneService:
 
 
 @contextlib.asynccontextmanager
-async def restored_on_error(restore: Callable[[], None], what: str) -> AsyncIterator[None]:
+async def restore_on_error(restore: Callable[[], None], what: str) -> AsyncIterator[None]:
     """Restore a file if the real-time loop does not take over its new content.
 
     Raises:

@@ -14,7 +14,7 @@ from functools import partial
 
 from app.services.clients import CLIENT
 from app.services.motion.planning import PlanningService
-from app.services.motion.scene import SceneService, restored_on_error
+from app.services.motion.scene import SceneService, restore_on_error
 from app.services.rights.claims import Caller
 from app.services.rights.ownership import Ownership
 from app.services.state.link import RobotLink
@@ -159,7 +159,7 @@ class ToolService:
         ]
         before = self.tool
         await asyncio.to_thread(self._file.write, tool)
-        async with restored_on_error(partial(self._file.write, before), "tool"):
+        async with restore_on_error(partial(self._file.write, before), "tool"):
             await self._scene.send_load(tool, self._scene.scene)
         self._take_over(tool, ours)
         await self._planning.prepare()

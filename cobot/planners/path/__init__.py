@@ -1,1 +1,1 @@
-"""Motions whose TCP follows the path of the request: lin, circ, polyline."""
+"""Motions whose TCP follows the path of the request."""

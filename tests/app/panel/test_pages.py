@@ -25,7 +25,7 @@ from cobot.config import Settings
 from cobot.errors import BY_CODE
 from cobot.findings import Check, Kind
 from cobot.ipc.state_fields import MEASURED_NAMES
-from cobot.motions.planners import PLANNERS
+from cobot.motions.planners import GOAL_ALONE, PLANNERS
 from cobot.reasons import ReasonCode
 from cobot.robot.device import FLAGS
 from cobot.trajectory import NoticeKind
@@ -114,13 +114,9 @@ def test_the_panel_has_the_planners_of_the_service(app: FastAPI) -> None:
     found = {name: json.loads(value) for name, value in declared}
     assert set(found) == {"PLANNERS", "DEFAULT"}
     assert found["DEFAULT"] == "ptp"
-    assert {name: traits["pose"] for name, traits in found["PLANNERS"].items()} == {
-        "ptp": False,
-        "auto": False,
-        "ompl": False,
-        "chomp": False,
-        "lin": True,
-    }
+    assert set(found["PLANNERS"]) == set(GOAL_ALONE)
+    need_a_pose = {"ptp": False, "auto": False, "ompl": False, "chomp": False, "lin": True}
+    assert {name: found["PLANNERS"][name]["pose"] for name in need_a_pose} == need_a_pose
     scripts = "".join(file.read_text(encoding="utf-8") for file in SCRIPTS if "step" in file.name)
     assert not [name for name in PLANNERS if f'"{name}"' in scripts]
 
