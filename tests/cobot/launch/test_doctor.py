@@ -53,7 +53,7 @@ def governors(*names: str) -> dict[str, str]:
             "not PREEMPT_RT",
             "sudo apt-get install linux-image-rt-",
         ),
-        (module.governor, {}, OK, "Linux does not choose", ""),
+        (module.governor, {}, OK, "Linux does not control", ""),
         (module.governor, governors("performance", "performance"), OK, "performance on all 2 cores", ""),
         (
             module.governor,

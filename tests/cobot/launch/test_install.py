@@ -225,5 +225,5 @@ def test_who_is_not_root_is_told_what_to_type(
 def test_a_computer_without_systemd_is_told_of_the_other_ways(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "which", lambda _: None)
     monkeypatch.setattr("os.geteuid", lambda: 0)
-    with pytest.raises(InstallError, match=r"no systemd here: use `cobot run`, or the container"):
+    with pytest.raises(InstallError, match=r"systemd not found: use `cobot run`, or the container"):
         module._require_system("cobot install")
