@@ -124,7 +124,7 @@ class PanelApp:
         if not any(each["alive"] for each in self._hub.robots_of(panel.cell)):
             raise UnavailableError(
                 f"the cell {panel.cell} is not connected to the hub. Its arm may be moving: use the "
-                "emergency stop of the arm"
+                "emergency stop"
             )
 
     async def _serve(self, request: Request, send: Send) -> None:

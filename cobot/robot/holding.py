@@ -32,6 +32,8 @@ each joint in a round.
 PAYLOAD_SHARE = 0.9
 """Share of an effort limit that holding the payload may take. The rest is for moving the payload."""
 TOLERANCE = 1e-6
+DECIMALS = 9
+"""Decimals of a demand at which two postures are equally hard."""
 
 Demand = Callable[[Array], Array]
 """Computes a number for each posture, shape (n, dof); a higher number means harder to hold."""
@@ -223,10 +225,17 @@ def _free_postures(collision: CollisionChecker, limits: JointLimits) -> Array:
 
 
 def _hardest(demand: Demand, postures: Array, collision: CollisionChecker, limits: JointLimits) -> Array:
-    """Search for the hardest posture to hold, by coordinate ascent from the hardest of the given postures."""
-    order = np.argsort(-demand(postures))[:STARTS]
-    climbed = np.array([_maximise(demand, postures[index], collision, limits) for index in order])
-    return np.asarray(climbed[int(demand(climbed).argmax())])
+    """Search for the hardest posture to hold, by coordinate ascent from the hardest of the given postures.
+
+    Rounding errors differ between computers. Of equally hard postures, the first is taken on each of them.
+    """
+
+    def rounded(rows: Array) -> Array:
+        return demand(rows).round(DECIMALS)
+
+    order = np.argsort(-rounded(postures), kind="stable")[:STARTS]
+    climbed = np.array([_maximise(rounded, postures[index], collision, limits) for index in order])
+    return np.asarray(climbed[int(rounded(climbed).argmax())])
 
 
 def _maximise(demand: Demand, posture: Array, collision: CollisionChecker, limits: JointLimits) -> Array:
@@ -237,7 +246,7 @@ def _maximise(demand: Demand, posture: Array, collision: CollisionChecker, limit
             around = posture[joint] + span[joint] / 4.0**round_ * np.linspace(-1.0, 1.0, STEPS)
             rows[:, joint] = np.clip(around, limits.min_position[joint], limits.max_position[joint])
             values = demand(rows)
-            for index in np.argsort(-values):
+            for index in np.argsort(-values, kind="stable"):
                 if values[index] <= value + TOLERANCE * abs(value):
                     break
                 if collision.is_free(rows[index]):

@@ -454,7 +454,7 @@ def test_a_lost_cell_gives_one_clear_page(
     page = viewer.get("", headers={"Accept": "text/html", "Accept-Language": "de"})
     assert page.status_code == 503
     assert "Das Bedienpult dieser Zelle ist gerade nicht verfügbar" in page.text
-    assert "use its emergency stop" in page.text
+    assert "use the emergency stop" in page.text
     assert page.text.count("<h1>") == 1
     assert viewer.get("robots").json()["code"] == "unavailable"
     stopped = viewer.post("stop").json()
