@@ -312,7 +312,8 @@ cdef class Controller(ModeMachine):
         elif self._guide == BRAKE:
             why = "its joints are slowing down"
         elif self._guide == PATH:
-            why = "the device has not stopped" if self.follower.by_itself else "it is slowing down on its path"
+            braking = "it is slowing down on its path"
+            why = "the device has not stopped" if self.follower.by_itself else braking
         return f"the arm is not at rest yet: {why}"
 
     def _step_reset(self, Measured measured):

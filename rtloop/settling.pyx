@@ -10,8 +10,8 @@ from rtloop.results import ACCEPTED, Rejected
 
 # Robot time after the end of a motion within which the arm has to settle.
 SETTLE_LIMIT_S = 2.0
-# Robot time after which the arm counts as at rest if its measured position has hardly changed. Some drivers report
-# velocities with much noise, or the last velocity of a motion for ever.
+# Robot time after which the arm counts as at rest if its measured position has hardly changed. Some drivers
+# report velocities with much noise, or the last velocity of a motion for ever.
 REST_S = 1.0
 # A measured position was misread if it moves in a cycle this many times as far as all joints at full speed.
 JUMP_FACTOR = 3.0

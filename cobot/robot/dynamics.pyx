@@ -196,7 +196,6 @@ cdef extern from *:
                          double*) noexcept nogil
 
 
-
 cdef class Dynamics:
     """The dynamics of a `mujoco.MjModel` with one coordinate per joint."""
 
