@@ -22,6 +22,7 @@ from cobot.client import Client
 from cobot.config import load_settings
 from cobot.ipc.shm import RobotMemory
 from cobot.robot.description import RobotDescription, load_robot
+from cobot.robot.scene import Scene, SceneObject
 from cobot.types import Array
 
 COLUMNS = ("p50", "p95", "max")
@@ -32,7 +33,7 @@ SHARES = 0.55, 0.85
 
 
 def around(motions: int) -> Iterator[Row]:
-    """Motions between random positions, each with a ball that appears in its path."""
+    """Motions between random positions, each with a ball that appears in its path, but not at its goal."""
     robot = load_robot(load_settings(None))
     with tempfile.TemporaryDirectory(prefix="cobot-bench-") as folder:
         run = Run(Path(folder), "realtime", planning="replan_within_s: 0.5")
@@ -76,6 +77,8 @@ def measure(
         plan = client.plan("joints", joints=goal.tolist(), speed=SPEED)
         rows = np.array([each["joints"] for each in plan["path"]])
         place = place_of(robot, rows, random.uniform(*SHARES))
+        if not leaves_free(robot, place, goal):
+            continue
         job = client.move_joints(goal.tolist(), speed=SPEED, wait=False)
         while job.read()["progress"] < 0.1:
             time.sleep(0.01)
@@ -101,6 +104,12 @@ def accepted_at(memory: RobotMemory, answered: Event) -> float:
     while not answered.is_set() and int(memory.state.read()["slot"]) == slot:
         time.sleep(POLL_S)
     return time.perf_counter()
+
+
+def leaves_free(robot: RobotDescription, place: list[float], joints: Array) -> bool:
+    """Whether a ball at this place would not touch the arm in this position."""
+    ball = SceneObject("sphere", (BALL_M,), (place[0], place[1], place[2], 1.0, 0.0, 0.0, 0.0))
+    return robot.collision.among(Scene(1, {"ball": ball})).is_free(joints)
 
 
 def place_of(robot: RobotDescription, rows: Array, share: float) -> list[float]:
