@@ -68,7 +68,7 @@ MEANINGS: dict[Code, str] = {
     Code.MOTION_TIMEOUT: "the motion did not arrive in time",
     Code.CONDITION_NOT_MET: "the motion ended without its end condition",
     Code.CONFLICT: "another client has control, or the current state does not permit this call",
-    Code.CHANGED: "another client has changed the object meanwhile; the message names the client",
+    Code.CHANGED: "another client has changed the object in the meantime; the message names the client",
     Code.UNAVAILABLE: "a process, a file in shared memory or a device does not answer",
     Code.NOT_READY: "the robot is in a mode that permits no motion",
     Code.SHARED_MEMORY: "shared memory has an unexpected content",

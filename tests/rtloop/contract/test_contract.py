@@ -218,7 +218,7 @@ def test_a_stream_to_ros2_control_keeps_it(capsys: pytest.CaptureFixture[str]) -
         ("SaysItIsThere", "motion", "is .* from its commanded position"),
         ("ForgetsOutputs", "io", "not reached within .* s: gripper closed is reported as 1"),
         ("TakesAnyOutput", "io", "set_output.'no such output'. must raise a BackendError"),
-        ("HasASlash", "io", "the name 'gripper/closed' must have"),
+        ("HasASlash", "io", "the name 'gripper/closed' must be"),
         ("ClaimsOutputs", "claims", "capabilities.io requires a method set_output"),
         ("GoesHome", "entry", "the first command for .* from the measured position|FAULT"),
     ],
