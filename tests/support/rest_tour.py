@@ -43,7 +43,7 @@ class Tour:
     def paused(self, job: str) -> bool:
         """Whether it is; on a fast clock it may have ended before it could."""
         answer = self._http.post(f"{job}/pause")
-        assert answer.is_success or "has ended already" in answer.text, answer.text
+        assert answer.is_success or "has already ended" in answer.text, answer.text
         return answer.is_success
 
     def move(self, path: str, **body: Any) -> None:
