@@ -25,8 +25,8 @@ FRESH_BYTES = 8_000_000
 """Size of the ring `fresh`. It holds about 18 s for seven joints at 1 kHz. The recorder may pause for this
 time without losing a cycle.
 """
-HISTORY_BYTES = 60_000_000
-"""Maximum size of the history, even if `recording.ring_s` needs more. It holds 136 s for seven joints at 1
+HISTORY_BYTES = 53_800_000
+"""Maximum size of the history, even if `recording.ring_s` needs more. It holds 122 s for seven joints at 1
 kHz.
 """
 NOTES = 256

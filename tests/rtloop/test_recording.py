@@ -119,7 +119,7 @@ def test_the_memory_that_a_robot_needs_is_bounded(robot: RobotDescription) -> No
     name = unique_name()
     made = RecordingMemory.create(name, robot.limits.dof, 0.0005, 600.0, robot.limits.names)
     try:
-        assert made.path.stat().st_size < 69_000_000
+        assert made.path.stat().st_size < 62_000_000
         assert made.history is not None
         assert made.history.capacity < 600.0 / 0.0005
     finally:
