@@ -187,11 +187,8 @@ class PlanningPool:
             async with asyncio.timeout_at(asked_s + timeout_s):
                 worker = await self._wait_for_worker()
         except TimeoutError:
-            has = (
-                f"all {self.usable} have other tasks"
-                if self.usable
-                else ("the processes have not started yet")
-            )
+            busy = f"all {self.usable} have other tasks"
+            has = busy if self.usable else "the processes have not started yet"
             raise UnavailableError(f"no planning process was free within {timeout_s:g} s: {has}") from None
         waited_s = loop.time() - asked_s
         worker.answer, worker.begun = loop.create_future(), False
