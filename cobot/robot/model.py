@@ -311,6 +311,7 @@ def _read(path: Path, tcp: str) -> mujoco.MjSpec:
     """
     spec = mujoco.MjSpec.from_file(str(path))
     spec.compiler.fusestatic = False
+    spec.compiler.usethread = False  # starting MuJoCo's threads takes longer than the work that they share
     if spec.site(tcp) is None and spec.body(tcp) is not None:
         spec.body(tcp).add_site(name=tcp)
     if path.suffix == ".urdf" and not spec.actuators:
