@@ -133,7 +133,7 @@ def main() -> None:
     arguments = parser.parse_args()
     unknown = set(arguments.names) - set(BENCHMARKS)
     if unknown:
-        parser.error(f"there is no {', '.join(sorted(unknown))}; valid are: {', '.join(BENCHMARKS)}")
+        parser.error(f"there is no {', '.join(sorted(unknown))}; valid names: {', '.join(BENCHMARKS)}")
     print(
         f"{os.cpu_count()} cores, Linux {platform.release()}, Python {platform.python_version()}\n\n{HEADER}",
         flush=True,

@@ -53,7 +53,7 @@ class Registry:
         module, _, attribute = names.get(name, name).partition(":")
         if not attribute:
             raise ConfigError(
-                f"{self.setting}: there is no {name!r}; valid are: {', '.join(sorted(names))}, or "
+                f"{self.setting}: there is no {name!r}; valid names: {', '.join(sorted(names))}, or "
                 "package.module:Class"
             )
         try:

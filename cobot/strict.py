@@ -98,7 +98,7 @@ def unknown_key(name: str, valid: list[str], what: str = "key") -> str:
     """The error for an unknown key or other name, with the probable correction and the valid names."""
     guess = difflib.get_close_matches(name, valid, 1) if len(name) <= SHOWN_CHARACTERS else []
     hint = f" (did you mean {guess[0]!r}?)" if guess else ""
-    return f"unknown {what} {shown(name)}{hint}; valid are: {', '.join(valid)}"
+    return f"unknown {what} {shown(name)}{hint}; valid {what}s: {', '.join(valid)}"
 
 
 def sentence(error: Mapping[str, Any], *, ignored: tuple[str, ...] = ()) -> str:
@@ -118,7 +118,7 @@ def sentence(error: Mapping[str, Any], *, ignored: tuple[str, ...] = ()) -> str:
             text = str(error["ctx"]["error"])
         case "union_tag_invalid":
             about = error["ctx"]
-            text = f"{about['discriminator'].strip(QUOTE)} {shown(about['tag'])} is unknown; valid are: "
+            text = f"{about['discriminator'].strip(QUOTE)} {shown(about['tag'])} is unknown; valid values: "
             text += about["expected_tags"]
         case kind:
             text = f"{_requirement(kind, error)}, got {shown(error['input'])}"

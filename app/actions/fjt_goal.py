@@ -279,7 +279,8 @@ def _tolerance(messages: list[Message], names: tuple[str, ...], field: str) -> T
     for index, message in enumerate(messages):
         if message["name"] not in names:
             raise JointsError(
-                f"{field}[{index}]: there is no joint {shown(message['name'])}; valid are: {', '.join(names)}"
+                f"{field}[{index}]: there is no joint {shown(message['name'])}; "
+                f"valid names: {', '.join(names)}"
             )
         joint = names.index(message["name"])
         for row, name in ((made.position, "position"), (made.velocity, "velocity"), (None, "acceleration")):

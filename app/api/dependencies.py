@@ -62,7 +62,7 @@ def services_of(connection: HTTPConnection) -> Services:
 def _named(connection: HTTPConnection, name: str) -> Services:
     robots = robots_of(connection)
     if name not in robots:
-        raise NotFoundError(f"there is no robot {shown(name)}; valid are: {', '.join(robots)}")
+        raise NotFoundError(f"there is no robot {shown(name)}; valid names: {', '.join(robots)}")
     return robots[name]
 
 

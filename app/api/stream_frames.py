@@ -265,7 +265,7 @@ def read_frame(content: Frame, stream: Stream) -> TextFrame:
     model = TARGETS[stream] if kind == "target" else MODELS.get(kind) if isinstance(kind, str) else None
     if model is None:
         valid = ", ".join([*MODELS, "target"])
-        raise InputError(f"there is no frame of type {shown(kind)}; valid are: {valid}")
+        raise InputError(f"there is no frame of type {shown(kind)}; valid types: {valid}")
     try:
         return model.model_validate(content)
     except ValidationError as exc:

@@ -87,7 +87,7 @@ def set_target_force(
     """
     if frame_type not in list(TaskFrame):
         valid = ", ".join(f"{each} {each.name.lower()}" for each in TaskFrame)
-        raise InputError(f"there is no frame_type {frame_type}; valid are: {valid}")
+        raise InputError(f"there is no frame_type {frame_type}; valid values: {valid}")
     if frame_type in (TaskFrame.POINT_FORCE, TaskFrame.MOTION_FORCE):
         raise NotSupportedError(
             f"frame_type {frame_type}: a force frame that turns with a point or a motion is not supported; "

@@ -148,7 +148,7 @@ def set_watch_dog(robot: Services, key: str, timeout: float, action: int) -> Non
     """
     if action not in list(WatchdogAction):
         valid = ", ".join(f"{each} {each.name.lower()}" for each in WatchdogAction)
-        raise InputError(f"there is no action {action}; valid are: {valid}")
+        raise InputError(f"there is no action {action}; valid values: {valid}")
     robot.equipment.variables.watch(key, timeout, action)
 
 

@@ -224,9 +224,9 @@ def unknown_service(robot_class: str, method: str) -> str:
     """The message for an unknown service. It lists the valid ones."""
     classes = sorted({key[0] for key in REGISTRY})
     if robot_class not in classes:
-        return f"there is no class {shown(robot_class)}; valid are: {', '.join(classes)}"
+        return f"there is no class {shown(robot_class)}; valid names: {', '.join(classes)}"
     methods = sorted(key[1] for key in REGISTRY if key[0] == robot_class)
-    return f"{robot_class}: {unknown_key(method, methods).replace('unknown key', 'there is no method', 1)}"
+    return f"{robot_class}: {unknown_key(method, methods, 'method')}"
 
 
 def bind(found: VendorService, arguments: Any) -> dict[str, Any]:

@@ -83,7 +83,7 @@ def peek(robot: Services, num: int, last_number: int = 0) -> Json:
 def _level(level: int) -> Level:
     if level not in range(len(LEVELS)):
         valid = ", ".join(f"{number} {each}" for number, each in enumerate(LEVELS))
-        raise InputError(f"there is no level {level}; valid are: {valid}")
+        raise InputError(f"there is no level {level}; valid values: {valid}")
     return LEVELS[level]
 
 

@@ -195,14 +195,16 @@ class _Client:
             for each in _list(content, "subscriptionIds"):
                 self._wanted.pop(_number(each, "subscriptionIds"), None)
         else:
-            raise InputError(f"op: {shown(str(kind))} is not served; valid are: subscribe, unsubscribe")
+            raise InputError(f"op: {shown(str(kind))} is not served; valid values: subscribe, unsubscribe")
 
     def _subscribe(self, asked: Any) -> None:
         if not isinstance(asked, dict):
             raise InputError("subscriptions: each must be an object with id and channelId")
         number, channel = _number(asked.get("id"), "id"), _number(asked.get("channelId"), "channelId")
         if channel not in self._numbers:
-            raise InputError(f"channelId: there is no channel {channel}; valid are 1 to {len(self._numbers)}")
+            raise InputError(
+                f"channelId: there is no channel {channel}; valid values: 1 to {len(self._numbers)}"
+            )
         if number in self._wanted:
             raise InputError(f"id: subscription {number} exists already")
         if len(self._wanted) >= (most := max(MAX_SUBSCRIPTIONS, len(self._numbers))):

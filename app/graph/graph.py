@@ -186,7 +186,7 @@ class Graph(Topics):
         server = self.actions.get(absolute(name))
         if server is None:
             valid = ", ".join(self.actions) or "none"
-            raise NotFoundError(f"there is no action {shown(name)}; valid are: {valid}")
+            raise NotFoundError(f"there is no action {shown(name)}; valid names: {valid}")
         return server
 
     def graph(self) -> dict[str, Any]:

@@ -34,7 +34,7 @@ class OwnRest:
         """Raises NotFoundError if there is no such robot."""
         state = scope["app"].state
         if robot and robot not in state.robots:
-            raise NotFoundError(f"there is no robot {shown(robot)}; valid are: {', '.join(state.robots)}")
+            raise NotFoundError(f"there is no robot {shown(robot)}; valid names: {', '.join(state.robots)}")
         self.services: Services = state.robots[robot] if robot else state.services
         self._scope = scope
         self._prefix = address("", robot) if robot else ""

@@ -77,7 +77,7 @@ class AgentServer(MCPServer[Any]):
         """Call a tool. A rejected call is a result with `is_error`, with the reason in words and its code."""
         if name not in self._known:
             valid = ", ".join(self._known)
-            return refusal(NotFoundError(f"there is no tool {shown(name)}; valid are: {valid}"))
+            return refusal(NotFoundError(f"there is no tool {shown(name)}; valid names: {valid}"))
         role, known = self._known[name]
         outcome, code = "no answer", ""
         try:
@@ -124,7 +124,7 @@ class AgentServer(MCPServer[Any]):
                     for each in await self.list_prompts()
                 ]
                 sentence = (
-                    f"there is no prompt {shown(name)} with these arguments; valid are: {', '.join(valid)}"
+                    f"there is no prompt {shown(name)} with these arguments; valid names: {', '.join(valid)}"
                 )
                 raise MCPError(INVALID_PARAMS, sentence) from exc
 
@@ -205,7 +205,9 @@ def _offer_resources(server: MCPServer, app: FastAPI) -> None:
     def limits(robot: str) -> str:
         """The limits of a robot's joints: rad, rad/s, rad/s², rad/s³, N·m; for sliding joints m and N."""
         if robot not in app.state.robots:
-            raise ResourceError(f"there is no robot {shown(robot)}; valid are: {', '.join(app.state.robots)}")
+            raise ResourceError(
+                f"there is no robot {shown(robot)}; valid names: {', '.join(app.state.robots)}"
+            )
         found = app.state.robots[robot].robot.limits
         table: dict[str, Any] = {
             name: getattr(found, name).tolist()

@@ -384,4 +384,4 @@ class RosbridgeConnection:
 
 def _require_plain(compression: str | None) -> None:
     if compression not in (None, "", "none"):
-        raise InputError(f"compression {shown(compression)} is not supported; valid are: none")
+        raise InputError(f"compression {shown(compression)} is not supported; valid values: none")

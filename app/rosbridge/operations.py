@@ -174,7 +174,7 @@ def operation(content: Any) -> Operation:
     name = content.get("op")
     model = OPERATIONS.get(name) if isinstance(name, str) else None
     if model is None:
-        raise InputError(f"there is no op {shown(name)}; valid are: {', '.join(OPERATIONS)}")
+        raise InputError(f"there is no op {shown(name)}; valid names: {', '.join(OPERATIONS)}")
     try:
         return model.model_validate(content)
     except ValidationError as exc:

@@ -140,7 +140,7 @@ def _ends(graph: Graph, topic: str, which: int) -> list[str]:
 
 def _node(graph: Graph, node: str) -> Message:
     if node != NODE:
-        raise NotFoundError(f"there is no node {shown(node)}; valid are: {NODE}")
+        raise NotFoundError(f"there is no node {shown(node)}; valid names: {NODE}")
     ends = {topic: graph.ends_of(topic) for topic in graph.topics()}
     return {
         "publishing": [topic for topic, (publishers, _) in ends.items() if publishers],

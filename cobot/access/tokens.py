@@ -206,7 +206,7 @@ class TokenFile:
             _require_admin(tokens, by)
             left = tuple(each for each in tokens if each.name != name)
             if len(left) == len(tokens):
-                raise NotFoundError(f"there is no token {shown(name)}; valid are: {_names(tokens)}")
+                raise NotFoundError(f"there is no token {shown(name)}; valid names: {_names(tokens)}")
             if by is not None and not _admins(left):
                 raise ConflictError(
                     f"{name} is the last token of an administrator; create another one first, or revoke it "

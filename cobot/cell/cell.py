@@ -375,7 +375,7 @@ class Cell(CellEntry):
             if isinstance(switch, ContactSwitch) and switch.body not in bodies:
                 raise ValueError(
                     f"switches.{name}.body: there is no {shown(switch.body)}; "
-                    f"valid are: {', '.join(bodies) or 'none'}"
+                    f"valid names: {', '.join(bodies) or 'none'}"
                 )
         return self
 

@@ -155,7 +155,7 @@ def _finger_of_model(spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody:
     body = spec.body(name)
     if body is None:
         raise ConfigError(
-            f"robot.gripper.hand: the model has no body {name!r}; valid are: "
+            f"robot.gripper.hand: the model has no body {name!r}; valid names: "
             f"{', '.join(each.name for each in spec.bodies if each.name)}"
         )
     if body.joints:

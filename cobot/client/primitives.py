@@ -71,7 +71,7 @@ def primitive(name: str, params: Mapping[str, Any], dof: int) -> Run:
         InputError: the primitive is unknown or its parameters are wrong; the message lists the valid ones.
     """
     if name not in PRIMITIVES:
-        raise InputError(f"there is no primitive {name!r}; valid are: {', '.join(PRIMITIVES)}")
+        raise InputError(f"there is no primitive {name!r}; valid names: {', '.join(PRIMITIVES)}")
     made = PRIMITIVES[name]
     missing = [key for key in made.needed if key not in params]
     if missing:
@@ -82,7 +82,7 @@ def primitive(name: str, params: Mapping[str, Any], dof: int) -> Run:
         if key in made.fixed:
             raise InputError(f"{name}: {key} is {made.fixed[key]!r} and cannot be changed")
         if key not in valid:
-            raise InputError(f"{name}: there is no parameter {key!r}; valid are: {', '.join(valid)}")
+            raise InputError(f"{name}: there is no parameter {key!r}; valid names: {', '.join(valid)}")
         body |= _fields(f"{name}: {key}", key, value, dof if made.method == "move_joints" else None)
     body |= made.fixed
     return lambda client: getattr(client, made.method)(**body)

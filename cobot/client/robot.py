@@ -192,7 +192,7 @@ class Robot(SessionSettings):
         state = self._state()
         if mode not in SWITCHES[self.mode()]:
             valid = ", ".join(sorted(other.name for other in SWITCHES[self.mode()]))
-            raise InputError(f"mode {self.mode().name} cannot change to {mode!r}; valid are: {valid}")
+            raise InputError(f"mode {self.mode().name} cannot change to {mode!r}; valid modes: {valid}")
         self._require_ready(state)
         deadline_s = self._clock.now_s() + LATE_S
         while int(state["mode"]) != LoopMode.HOLD and self._clock.now_s() < deadline_s:
@@ -310,7 +310,7 @@ class Robot(SessionSettings):
         known = next((each for each in names if each.lower() == position.lower()), None)
         if known is None:
             plans = ", ".join(f"PLAN-{each.capitalize()}" for each in names)
-            raise InputError(f"there is no plan {name!r}; valid are: {plans}, and sequence files (*.json)")
+            raise InputError(f"there is no plan {name!r}; valid names: {plans}, and sequence files (*.json)")
         self._begin(primitive("MoveNamed", {"name": known, **options}, self._transport.dof))
 
     def execute_primitive(self, name: str, params: Mapping[str, Any] | None = None) -> None:

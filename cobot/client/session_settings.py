@@ -98,7 +98,7 @@ class SessionSettings:
         name = interpolation or ("linear" if interpolate else "none")
         valid = [kind.name.lower() for kind in Interpolation]
         if name not in valid:
-            raise InputError(f"unknown interpolation {name!r}; valid are: {', '.join(valid)}")
+            raise InputError(f"unknown interpolation {name!r}; valid values: {', '.join(valid)}")
         self._request["stream"] = stream
         self._request["interpolation"] = Interpolation[name.upper()]
         self._request["decimation"] = decimation(rate_hz, float(self._limits_of["period_s"]))

@@ -61,7 +61,7 @@ def header(frame: bytes) -> tuple[FrameKind, int]:
         )
     if kind not in list(FrameKind):
         valid = ", ".join(f"{each} ({each.name.lower()})" for each in FrameKind)
-        raise InputError(f"there is no binary frame of kind {kind}; valid are: {valid}")
+        raise InputError(f"there is no binary frame of kind {kind}; valid kinds: {valid}")
     return FrameKind(kind), sequence
 
 

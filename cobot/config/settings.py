@@ -131,5 +131,5 @@ class Settings(Section):
         if robot is None:
             return self
         if robot not in self.each:
-            raise ConfigError(f"there is no robot {robot!r}; valid are: {', '.join(self.each)}")
+            raise ConfigError(f"there is no robot {robot!r}; valid names: {', '.join(self.each)}")
         return self.each[robot]

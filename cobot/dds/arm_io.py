@@ -298,7 +298,7 @@ class PolledIo(ServiceIo):
             if place >= len(listed):
                 self._unread[name] = f"{begin} knows only the numbers 0 to {len(listed) - 1}"
             elif not self._places[name][0].is_analog and listed[place] not in (0, 1):
-                self._unread[name] = f"{begin} has answered {listed[place]}; valid are 0 and 1"
+                self._unread[name] = f"{begin} has answered {listed[place]}; valid values: 0 and 1"
             else:
                 self._found[name] = float(listed[place]), time.monotonic()
                 self._unread.pop(name, None)

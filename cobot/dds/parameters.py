@@ -166,7 +166,7 @@ class Parameters:
             found = self._all.get(each["name"])
             if found is None:
                 valid = ", ".join(self._all)
-                return _result(f"there is no parameter {each['name']!r}; valid are: {valid}")
+                return _result(f"there is no parameter {each['name']!r}; valid names: {valid}")
             reason = found.refusal(each["value"])
             if reason:
                 return _result(reason)

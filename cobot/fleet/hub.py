@@ -242,7 +242,7 @@ class Hub:
         robots = [each for each in self.cells() if each["cell"] == cell]
         if not robots:
             names = ", ".join(sorted({each["cell"] for each in self.cells()})) or "none"
-            raise NotFoundError(f"there is no cell {cell!r} in the fleet {self.fleet}; valid are: {names}")
+            raise NotFoundError(f"there is no cell {cell!r} in the fleet {self.fleet}; valid names: {names}")
         found = [each for each in robots if robot in (None, each["robot"])]
         if not found:
             names = ", ".join(each["robot"] for each in robots)

@@ -102,7 +102,7 @@ class RollOuts:
         found = self._roll_outs.get(name)
         if found is None:
             raise NotFoundError(
-                f"there is no roll-out {name!r}; valid are: {', '.join(self._roll_outs) or 'none'}"
+                f"there is no roll-out {name!r}; valid names: {', '.join(self._roll_outs) or 'none'}"
             )
         return asdict(found)
 

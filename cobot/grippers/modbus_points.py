@@ -96,7 +96,7 @@ def parts_of(name: str) -> tuple[str, int]:
     found = _NAME.fullmatch(name)
     if found is None or int(found[2]) > MAX_WORD:
         raise GripperError(
-            f"{name!r} is not a point of a Modbus device; valid are "
+            f"{name!r} is not a point of a Modbus device; valid names: "
             f"{', '.join(f'{kind} N' for kind in KINDS)}, with N from 0 to {MAX_WORD}"
         )
     return found[1], int(found[2])

@@ -147,7 +147,7 @@ def _core(cpu: int | None) -> str:
     cores = os.sched_getaffinity(0)
     if cpu is None or cpu in cores:
         return "left to the system" if cpu is None else str(cpu)
-    raise ConfigError(f"rt.cpu: there is no core {cpu}; valid are: {', '.join(map(str, sorted(cores)))}")
+    raise ConfigError(f"rt.cpu: there is no core {cpu}; valid cores: {', '.join(map(str, sorted(cores)))}")
 
 
 def _folder(folder: Path) -> str:

@@ -58,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _record(chosen: argparse.Namespace) -> int:
     if unknown := [name for name in chosen.cameras if name not in CAMERAS]:
-        raise InputError(f"there is no camera {unknown[0]!r}; valid are: {', '.join(CAMERAS)}")
+        raise InputError(f"there is no camera {unknown[0]!r}; valid names: {', '.join(CAMERAS)}")
     description = load_robot(load_settings(chosen.config))
     renderer = Renderer(description, [CAMERAS[name] for name in chosen.cameras]) if chosen.cameras else None
     ended: list[bool] = []

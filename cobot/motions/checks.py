@@ -117,8 +117,8 @@ def _check_free_axes(free: Sequence[str]) -> None:
     for index, axis in enumerate(free):
         if axis not in FREE_AXES:
             raise InputError(
-                f"free_axes[{index}]: there is no axis {axis!r}; valid are: {valid}, the rotations about the "
-                "tool's x, y and z axis"
+                f"free_axes[{index}]: there is no axis {axis!r}; valid names: {valid}, the rotations "
+                "about the tool's x, y and z axis"
             )
         if axis in free[:index]:
             raise InputError(f"free_axes[{index}]: {axis} is given twice")

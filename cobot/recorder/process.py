@@ -93,7 +93,9 @@ async def _answer(robots: Mapping[str, RobotRecorder], request: dict[str, Any]) 
     try:
         robot = robots.get(request.get("robot", ""))
         if robot is None:
-            raise NotFoundError(f"there is no robot {request.get('robot')!r}; valid are: {', '.join(robots)}")
+            raise NotFoundError(
+                f"there is no robot {request.get('robot')!r}; valid names: {', '.join(robots)}"
+            )
         return await asyncio.wrap_future(robot.ask(request))
     except CobotError as exc:
         return refusal(exc)

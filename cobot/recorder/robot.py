@@ -213,7 +213,7 @@ class RobotRecorder:
                 case "stop":
                     answer.set_result({"names": self._stop()})
                 case other:
-                    raise InputError(f"action: there is no {other!r}; valid are: dump, start, stop")
+                    raise InputError(f"action: there is no {other!r}; valid actions: dump, start, stop")
         except CobotError as exc:
             answer.set_exception(exc)
         except OSError as exc:

@@ -82,13 +82,13 @@ def load_robot(settings: Settings) -> RobotDescription:
     if settings.robot.start_position not in positions:
         raise ConfigError(
             f"robot.start_position: {settings.robot.start_position!r} is not in {settings.robot.srdf}; "
-            f"valid are: {', '.join(positions)}"
+            f"valid names: {', '.join(positions)}"
         )
     planning = settings.planning
     if planning.default_frame != settings.robot.base_frame:
         raise ConfigError(
             f"planning.default_frame: there is no frame {planning.default_frame!r}; "
-            f"valid are: {settings.robot.base_frame}"
+            f"valid names: {settings.robot.base_frame}"
         )
     cartesian = CartesianLimits(
         planning.max_linear_velocity,

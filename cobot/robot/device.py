@@ -69,10 +69,10 @@ class Capabilities:
         """
         unknown = sorted(self.measured - set(MEASURED_NAMES))
         if unknown:
-            raise ValueError(f"measured: {unknown[0]!r} is invalid; valid are {', '.join(MEASURED_NAMES)}")
+            raise ValueError(f"measured: {unknown[0]!r} is invalid; valid names: {', '.join(MEASURED_NAMES)}")
         strange = [category for category in self.stops if category not in STOP_CATEGORIES]
         if strange:
-            raise ValueError(f"stops: {strange[0]!r} is not a stop category; valid are 0, 1 and 2")
+            raise ValueError(f"stops: {strange[0]!r} is not a stop category; valid values: 0, 1 and 2")
         if any(not period_s > 0.0 for period_s in self.periods_s):
             raise ValueError(f"periods_s: {self.periods_s} must be above 0")
 

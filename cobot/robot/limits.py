@@ -106,7 +106,7 @@ def _joint(path: Path, name: str, entry: Any) -> tuple[float, ...]:
         raise ConfigError(f"{where}: must contain {', '.join(_KEYS)}")
     for key in entry:
         if key not in _KEYS:
-            raise ConfigError(f"{where}: unknown key {key!r}; valid are: {', '.join(_KEYS)}")
+            raise ConfigError(f"{where}: unknown key {key!r}; valid keys: {', '.join(_KEYS)}")
     for key in _KEYS:
         if key not in entry:
             raise ConfigError(f"{where}.{key}: is missing")

@@ -325,7 +325,7 @@ def _base_body(model: mujoco.MjModel, name: str) -> int:
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
     if index < 0:
         still = [model.body(body).name for body in range(model.nbody) if model.body_weldid[body] == 0]
-        raise ConfigError(f"robot.base_frame: the model has no {name!r}; valid are: {', '.join(still)}")
+        raise ConfigError(f"robot.base_frame: the model has no {name!r}; valid names: {', '.join(still)}")
     return int(index)
 
 

@@ -23,7 +23,7 @@ def load_named_positions(path: Path, joint_names: tuple[str, ...], group: str) -
     root = _parse(path)
     groups = [str(element.get("name")) for element in root.iter("group")]
     if group not in groups:
-        raise ConfigError(f"{path}: has no group {group!r}; valid are: {', '.join(groups) or 'none'}")
+        raise ConfigError(f"{path}: has no group {group!r}; valid names: {', '.join(groups) or 'none'}")
     positions: dict[str, NamedPosition] = {}
     for state in root.iter("group_state"):
         if state.get("group") != group:
@@ -102,7 +102,9 @@ def _position(
         joint_name = joint.get("name") or ""
         if joint_name not in joint_names or joint_name in values:
             problem = (
-                "occurs twice" if joint_name in values else f"is unknown; valid are: {', '.join(joint_names)}"
+                "occurs twice"
+                if joint_name in values
+                else f"is unknown; valid names: {', '.join(joint_names)}"
             )
             raise ConfigError(f"{path}: position {name!r}: joint {joint_name!r} {problem}")
         try:

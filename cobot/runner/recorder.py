@@ -38,7 +38,7 @@ def parse_topics(text: str) -> list[str]:
     names = [name.strip() for name in text.split(",") if name.strip()]
     for name in names:
         if name not in TOPICS:
-            raise InputError(f"topics: there is no {name!r}; valid are: {', '.join(TOPICS)}")
+            raise InputError(f"topics: there is no {name!r}; valid names: {', '.join(TOPICS)}")
     return names or list(TOPICS)
 
 

@@ -227,7 +227,7 @@ def require_no_files(part: dict[str, Any], place: str = "") -> None:
             if key not in OF_THE_ROBOT:
                 raise InputError(
                     f"{place}robot: unknown key {shown(key)}; a study of the service uses its own robot, "
-                    f"scene and positions; valid are: {', '.join(OF_THE_ROBOT)}"
+                    f"scene and positions; valid names: {', '.join(OF_THE_ROBOT)}"
                 )
     for name in ("space", "targets"):
         if isinstance(value := part.get(name), dict) and "mesh" in value:

@@ -47,7 +47,7 @@ def study_of(document: dict[str, Any], folder: Path | str = ".", name: str = "st
     """
     kind = document.get("kind")
     if "kind" not in document:
-        raise ConfigError(f"{name}: kind: is missing; valid are: {', '.join(KINDS)}")
+        raise ConfigError(f"{name}: kind: is missing; valid kinds: {', '.join(KINDS)}")
     if not isinstance(kind, str) or kind not in KINDS:
         raise ConfigError(f"{name}: kind: {unknown_key(str(kind), list(KINDS), 'kind')}")
     module, class_name = KINDS[kind].split(":")

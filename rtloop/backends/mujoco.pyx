@@ -196,7 +196,7 @@ cdef class MujocoBackend(CompiledBackend):
         bodies = [body for body in range(self._model.nbody) if self._model.body_weldid[body]]
         names = [self._model.body(body).name for body in bodies]
         if link not in names:
-            raise BackendError(f"there is no link {link!r} that moves; valid are: {', '.join(names)}")
+            raise BackendError(f"there is no link {link!r} that moves; valid names: {', '.join(names)}")
         return self._stepped.body(link).id
 
     @property

@@ -166,7 +166,7 @@ def rig_of(kind: Any, settings: Settings, limits: JointLimits) -> ContractRig:
     strange = sorted(set(rig.faults) - set(FAULTS))
     if strange:
         raise ConfigError(
-            f"robot.backend: {name}: contract_rig lists the unknown fault {strange[0]!r}; valid are: "
+            f"robot.backend: {name}: contract_rig lists the unknown fault {strange[0]!r}; valid names: "
             f"{', '.join(FAULTS)}"
         )
     return rig

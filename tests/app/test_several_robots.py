@@ -154,7 +154,7 @@ def test_an_emergency_stop_of_one_leaves_the_motion_of_the_other_alone(
 def test_an_unknown_name_is_refused_and_the_valid_ones_are_listed(
     pair: VirtualService, http: VirtualService
 ) -> None:
-    valid = f"there is no robot 'nobody'; valid are: {pair.names[0]}, {pair.names[1]}"
+    valid = f"there is no robot 'nobody'; valid names: {pair.names[0]}, {pair.names[1]}"
     answer = move(http, "nobody", HOME)
     assert (answer.status_code, answer.json()) == (404, {"detail": valid, "code": "not_found"})
     with pytest.raises(Refused) as caught:

@@ -52,9 +52,9 @@ def test_a_length_is_told_in_the_words_of_json() -> None:
 
 def test_an_unknown_key_names_the_one_that_may_have_been_meant_and_the_valid_ones() -> None:
     assert mistake({"targets": [{"x": 1.0, "nam": ""}]}) == (
-        "targets[0]: unknown key 'nam' (did you mean 'name'?); valid are: x, name"
+        "targets[0]: unknown key 'nam' (did you mean 'name'?); valid keys: x, name"
     )
-    assert unknown_key("zzz", ["x", "name"]) == "unknown key 'zzz'; valid are: x, name"
+    assert unknown_key("zzz", ["x", "name"]) == "unknown key 'zzz'; valid keys: x, name"
 
 
 def test_of_many_mistakes_the_first_are_told_and_the_others_counted() -> None:

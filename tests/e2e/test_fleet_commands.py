@@ -221,7 +221,7 @@ def test_an_observer_may_stop_and_nothing_else(hub: Hub, client: Client, tokens:
 @pytest.mark.parametrize(
     ("path", "body", "status", "words"),
     [
-        ("/commands", {"action": {"kind": "dance"}}, 422, "kind 'dance' is unknown; valid are: 'stop', "),
+        ("/commands", {"action": {"kind": "dance"}}, 422, "kind 'dance' is unknown; valid values: 'stop', "),
         ("/commands", {"action": {"kind": "speed", "fraction": 1.5}}, 422, "less than or equal to 1"),
         ("/commands", {"action": {"kind": "start", "program": "../up"}}, 422, "program"),
         ("/zones/south/commands", {"action": {"kind": "pause"}}, 404, "zones: north"),

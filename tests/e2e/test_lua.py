@@ -142,7 +142,7 @@ def test_an_unknown_robot_is_named(shared: Run, tmp_path: Path) -> None:
     process = cobot_lua(shared, "get_joint_positions()", tmp_path, "--robot", "nobody")
     output, _ = process.communicate(timeout=WAIT_S)
     assert process.returncode != 0
-    assert f"valid are: {shared.name}" in output
+    assert f"valid names: {shared.name}" in output
 
 
 def test_a_signal_ends_the_program_and_the_arm_comes_to_rest(

@@ -408,7 +408,7 @@ def test_a_key_that_stands_twice_is_refused(http: httpx.Client) -> None:
     ("path", "file", "fields", "words"),
     [
         ("/sequences/start", "config", {"n_iteration": "1"}, "did you mean 'n_iterations'?"),
-        ("/trajectory/send_csv", "file", {"separator": ";"}, "unknown key 'separator'; valid are: file"),
+        ("/trajectory/send_csv", "file", {"separator": ";"}, "unknown key 'separator'; valid keys: file"),
     ],
 )
 def test_unknown_form_fields_are_refused_with_the_valid_names(

@@ -139,9 +139,7 @@ def install(app: FastAPI, version: Callable[[], Hashable]) -> None:
     @app.get(f"{SAMPLES_PATH}/{{name}}", include_in_schema=False)
     async def sample(name: str) -> Response:
         if name not in SAMPLES:
-            raise NotFoundError(
-                unknown_key(name, list(SAMPLES)).replace("unknown key", "there is no sample", 1)
-            )
+            raise NotFoundError(unknown_key(name, list(SAMPLES), "sample"))
         kind, text = SAMPLES[name]
         return Response(
             text, media_type=kind, headers={"Content-Disposition": f'attachment; filename="{name}"'}

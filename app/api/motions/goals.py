@@ -168,7 +168,7 @@ def _box(asked: KeptBox) -> Box:
 def _range(name: str, low: float, high: float, limits: JointLimits) -> tuple[int, float, float]:
     place = f"constraints.joints.{shown(name)[1:-1]}"
     if name not in limits.names:
-        raise InputError(f"{place}: there is no such joint; valid are: {', '.join(limits.names)}")
+        raise InputError(f"{place}: there is no such joint; valid names: {', '.join(limits.names)}")
     joint = limits.names.index(name)
     unit = limits.unit(joint)
     what = "angle" if unit == "rad" else "position"

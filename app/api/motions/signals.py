@@ -112,7 +112,7 @@ class _Reader:
         point = next((each for each in points if each.name == name), None)
         if point is None or point.is_output:
             known = ", ".join(each.name for each in points if not each.is_output) or "none"
-            raise InputError(f"{field}.input: there is no input {shown(name)}; valid are: {known}")
+            raise InputError(f"{field}.input: there is no input {shown(name)}; valid names: {known}")
         edge = getattr(body, "edge", None)
         low, high = self._bounds(field, body, edge, point)
         return Condition(Quantity.INPUT, low, high, name, edge=edge is not None)
@@ -180,7 +180,7 @@ class _Reader:
         if torque.joint not in limits.names:
             valid = ", ".join(limits.names)
             raise InputError(
-                f"until.torque.joint: there is no joint {shown(torque.joint)}; valid are: {valid}"
+                f"until.torque.joint: there is no joint {shown(torque.joint)}; valid names: {valid}"
             )
         zero.require_measured(Quantity.JOINT, "until.torque")
         joint = limits.names.index(torque.joint)

@@ -191,7 +191,7 @@ def _robots(connection: HTTPConnection, name: str | None) -> dict[str, Services]
         return robots
     if name not in robots:
         raise NotFoundError(
-            f"robot: {shown(name)} is not a robot of this service; valid are: {', '.join(robots)}"
+            f"robot: {shown(name)} is not a robot of this service; valid names: {', '.join(robots)}"
         )
     return {name: robots[name]}
 
@@ -202,7 +202,7 @@ def _types(given: str | None) -> frozenset[str] | None:
     types = [each.strip() for each in given.split(",")]
     for each in types:
         if each not in TYPES:
-            raise InputError(f"types: {shown(each)} is not an event type; valid are: {', '.join(TYPES)}")
+            raise InputError(f"types: {shown(each)} is not an event type; valid types: {', '.join(TYPES)}")
     return frozenset(types)
 
 

@@ -221,7 +221,7 @@ class ChangeScene(RequestModel):
     @model_validator(mode="after")
     def _says_something(self) -> ChangeScene:
         if not self.model_fields_set:
-            raise ValueError(f"nothing to change; valid are: {', '.join(type(self).model_fields)}")
+            raise ValueError(f"nothing to change; valid fields: {', '.join(type(self).model_fields)}")
         return self
 
 

@@ -117,7 +117,7 @@ class ChangeTool(RequestModel):
     def _says_something(self) -> ChangeTool:
         given = self.model_fields_set
         if not given:
-            raise ValueError(f"nothing to change; valid are: {', '.join(type(self).model_fields)}")
+            raise ValueError(f"nothing to change; valid fields: {', '.join(type(self).model_fields)}")
         if {"centre", "inertia"} & given and self.mass is None:
             raise ValueError("mass: is missing; required with centre or inertia")
         return self

@@ -43,7 +43,7 @@ class Modbus:
             raise InputError(f"signal_address must be from 0 to {ADDRESS}, got {address}")
         if kind not in list(SignalKind):
             valid = ", ".join(f"{each} {each.name.lower()}" for each in SignalKind)
-            raise InputError(f"signal_type is {kind}; valid are: {valid}")
+            raise InputError(f"signal_type is {kind}; valid values: {valid}")
         if len(self._signals) >= MAX_SIGNALS:
             raise LimitError(f"there are already {MAX_SIGNALS} signals, which is the maximum")
         signal = self._signals[name] = Signal(name, unit, address, SignalKind(kind))
@@ -79,7 +79,7 @@ class Modbus:
         """
         if name not in self._signals:
             there = ", ".join(self._signals) or "none"
-            raise NotFoundError(f"there is no signal {shown(name)}; valid are: {shown(there)}")
+            raise NotFoundError(f"there is no signal {shown(name)}; valid names: {shown(there)}")
         return self._signals[name]
 
     def signals(self) -> list[Signal]:

@@ -131,4 +131,4 @@ class Frames:
 
     def _require(self, name: str) -> None:
         if name != WORLD and name not in self._frames:
-            raise NotFoundError(f"there is no frame {shown(name)}; valid are: {', '.join(self.names())}")
+            raise NotFoundError(f"there is no frame {shown(name)}; valid names: {', '.join(self.names())}")

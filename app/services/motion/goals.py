@@ -43,7 +43,7 @@ class Goals:
         position = self._robot.positions.get(name) or self.taught.get(name)
         if position is None:
             valid = ", ".join(dict.fromkeys([*self._robot.positions, *self.taught]))
-            raise InputError(f"there is no named position {name!r}; valid are: {valid}")
+            raise InputError(f"there is no named position {name!r}; valid names: {valid}")
         return np.array(position.joints)
 
     def require_joints(
@@ -108,8 +108,8 @@ class Goals:
             ", ".join([base, TOOL, *sorted((set(fixed) | set(named)) - {base})]) + f", or empty for {base}"
         )
         if name in model.frame_names or name == TOOL:
-            raise InputError(f"frame_id: {name!r} moves with the joints; valid are: {valid}")
-        raise InputError(f"frame_id: there is no frame {name!r}; valid are: {valid}")
+            raise InputError(f"frame_id: {name!r} moves with the joints; valid names: {valid}")
+        raise InputError(f"frame_id: there is no frame {name!r}; valid names: {valid}")
 
     def budget_s(self, asked_s: float | None) -> float:
         """Return the planning budget of a motion, s: the requested budget, or the budget in the settings."""

@@ -438,7 +438,7 @@ class SceneService:
         for name in names:
             if name not in bodies and name not in scene.objects:
                 valid = ", ".join([*bodies, *scene.objects])
-                raise NotFoundError(f"there is no body or object {shown(name)}; valid are: {valid}")
+                raise NotFoundError(f"there is no body or object {shown(name)}; valid names: {valid}")
 
 
 @contextlib.asynccontextmanager

@@ -38,7 +38,7 @@ def remove_frame(name: str) -> Edit:
     def edit(scene: Scene, hand: Pose) -> Scene:
         if name not in scene.frames:
             there = ", ".join(scene.frames) or "none"
-            raise NotFoundError(f"there is no frame {shown(name)}; valid are: {there}")
+            raise NotFoundError(f"there is no frame {shown(name)}; valid names: {there}")
         return replace(scene, frames={other: each for other, each in scene.frames.items() if other != name})
 
     return edit
@@ -96,5 +96,5 @@ def named(scene: Scene, name: str) -> SceneObject:
     """Return the object with this name. Raises NotFoundError, which lists the existing objects."""
     if name not in scene.objects:
         there = ", ".join(scene.objects) or "none"
-        raise NotFoundError(f"there is no object {shown(name)}; valid are: {there}")
+        raise NotFoundError(f"there is no object {shown(name)}; valid names: {there}")
     return scene.objects[name]

@@ -79,7 +79,7 @@ class SyncService:
         """
         if name not in self.groups:
             there = ", ".join(self.groups) or "none"
-            raise NotFoundError(f"there is no group {shown(name)}; valid are: {there}")
+            raise NotFoundError(f"there is no group {shown(name)}; valid names: {there}")
         return self.groups[name]
 
     def targets(
@@ -188,7 +188,7 @@ class SyncService:
             raise InputError(f"robots must be a list of one or more names, each once, got {robots}")
         for name in robots:
             if name not in self.robots:
-                raise InputError(f"there is no robot {shown(name)}; valid are: {', '.join(self.robots)}")
+                raise InputError(f"there is no robot {shown(name)}; valid names: {', '.join(self.robots)}")
         return tuple(robots)
 
     def _sync(self, number: int) -> _Sync:

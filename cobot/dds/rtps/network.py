@@ -71,7 +71,7 @@ def local_interfaces(wanted: Sequence[str] | None) -> list[IPv4Interface]:
         missing = [word for word in wanted if word not in by_word]
         if missing:
             raise NetworkError(
-                f"no interface {missing[0]!r} with an IPv4 address; valid are: {sorted(by_word)}"
+                f"no interface {missing[0]!r} with an IPv4 address; valid names: {sorted(by_word)}"
             )
         chosen = [by_word[word] for word in wanted]
     if not chosen:

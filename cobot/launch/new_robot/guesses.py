@@ -57,7 +57,7 @@ def base_and_tcp(
     if base is not None and base not in standing:
         told = "moves with the joints" if spec.body(base) else "is not a link of the file"
         valid = ", ".join(name for name in standing if not name.startswith(WORLD))
-        raise ConfigError(f"--base: {base!r} {told}; valid are: {valid}")
+        raise ConfigError(f"--base: {base!r} {told}; valid names: {valid}")
     if base is None:
         base = spec.joint(joints[0]).parent.parent.name
         guessed.append(f"base_frame {base}: the link below the first joint (--base)")

@@ -234,7 +234,7 @@ class NewRobot:
         names = [joint.name for joint in spec.joints]
         for given, valid in ((self.actuators, names), (self.without, in_file)):
             if name := next((name for name in given if name not in valid), ""):
-                raise ConfigError(f"{self.file}: has no joint {name!r}; valid are: {', '.join(names)}")
+                raise ConfigError(f"{self.file}: has no joint {name!r}; valid names: {', '.join(names)}")
         tree = JointTree(spec, self.without)
         semantics = self._semantics(root, spec, tree, files)
         if semantics.joints:

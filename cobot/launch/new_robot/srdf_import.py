@@ -182,7 +182,7 @@ class _Reader:
         if group is not None:
             if not movable.get(group):
                 what = "has no joint that moves" if group in movable else "is not in the file"
-                raise ConfigError(f"{self._file}: group {group!r} {what}; valid are: {listed or 'none'}")
+                raise ConfigError(f"{self._file}: group {group!r} {what}; valid names: {listed or 'none'}")
             return group
         groups = [name for name, joints in movable.items() if joints]
         same = [name for name in groups if arm and set(movable[name]) == set(arm)]

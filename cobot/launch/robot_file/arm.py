@@ -179,7 +179,7 @@ def _chain_to(file: Path, spec: mujoco.MjSpec, tree: JointTree, tcp: str) -> lis
     body = site.parent if site is not None else spec.body(tcp)
     if body is None:
         names = [element.name for element in (*spec.sites, *spec.bodies) if element.name]
-        raise ConfigError(f"{file}: has no site or link {tcp!r} for the TCP; valid are: {', '.join(names)}")
+        raise ConfigError(f"{file}: has no site or link {tcp!r} for the TCP; valid names: {', '.join(names)}")
     chain = tree.path_to(body.name)
     if not chain:
         raise ConfigError(f"{file}: no joint moves {tcp!r}, so it cannot be the TCP; choose another --tcp")

@@ -121,7 +121,7 @@ def check_shape(file: Path, collision: Element, of: str) -> None:
         _check_mesh(file, shape, of)
     elif shape.tag not in SHAPES:
         raise ConfigError(
-            f"{where(file, shape)}: {of}: <{shape.tag}> is not a shape of URDF; valid are: mesh, "
+            f"{where(file, shape)}: {of}: <{shape.tag}> is not a shape of URDF; valid shapes: mesh, "
             f"{', '.join(SHAPES)}"
         )
     for dimension, count in SHAPES.get(shape.tag, ()):
@@ -143,7 +143,7 @@ def _check_joint(file: Path, joint: Element, joints: dict[str, Element]) -> None
     of, kind = f"joint {joint.get('name')!r}", joint.get("type")
     if kind not in JOINT_TYPES:
         told = "no type" if kind is None else f"the type {shown(kind)}"
-        raise ConfigError(f"{where(file, joint)}: {of} has {told}; valid are: {', '.join(JOINT_TYPES)}")
+        raise ConfigError(f"{where(file, joint)}: {of} has {told}; valid types: {', '.join(JOINT_TYPES)}")
     _check_origin(file, joint, of)
     axis = joint.find("axis")
     if axis is not None and kind != "fixed" and not any(numbers(file, axis, "xyz", of, 3, (1.0, 0.0, 0.0))):
@@ -164,7 +164,7 @@ def _check_mimic(file: Path, mimic: Element, of: str, joints: dict[str, Element]
     if mimic.get("joint") not in joints:
         raise ConfigError(
             f"{where(file, mimic)}: {of} mimics {shown(mimic.get('joint') or '')}, which is not a joint "
-            f"of this file; valid are: {listed(list(joints))}"
+            f"of this file; valid names: {listed(list(joints))}"
         )
 
 
@@ -219,5 +219,5 @@ def _end(file: Path, joint: Element, name: str, end: str, links: dict[str, Eleme
     if link not in links:
         told = "names no link" if link is None else f"is {shown(link)}, which is not a link of this file"
         place = where(file, joint if element is None else element)
-        raise ConfigError(f"{place}: joint {name!r}: its <{end}> {told}; valid are: {listed(list(links))}")
+        raise ConfigError(f"{place}: joint {name!r}: its <{end}> {told}; valid names: {listed(list(links))}")
     return link

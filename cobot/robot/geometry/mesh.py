@@ -80,7 +80,7 @@ def _weld(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
         )
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         wrong = triangles[(triangles < 0) | (triangles >= len(vertices))][0]
-        raise InputError(f"triangles: there is no vertex {wrong}; valid are 0 to {len(vertices) - 1}")
+        raise InputError(f"triangles: there is no vertex {wrong}; valid values: 0 to {len(vertices) - 1}")
     if not np.isfinite(vertices).all():
         raise InputError("vertices: a coordinate is not a finite number")
     size_m = float(np.ptp(vertices[triangles.ravel()], axis=0).max())

@@ -135,7 +135,7 @@ def _bodies(robot: RobotDescription, positions: Array) -> Iterator[Facets]:
         if visual.link not in links:
             raise ConfigError(
                 f"the visuals of {robot.model_file} name the link {visual.link!r}, which the model does "
-                f"not have; valid are: {', '.join(links)}"
+                f"not have; valid names: {', '.join(links)}"
             )
         pose = (
             base

@@ -96,7 +96,7 @@ def _enum(of: type[_Enum], what: str, number: int, kind: int, value: int) -> _En
     try:
         return of(varint_of(number, kind, value))
     except ValueError as exc:
-        raise WireError(f"{what} is {value}; valid are {[int(each) for each in of]}") from exc
+        raise WireError(f"{what} is {value}; valid values: {[int(each) for each in of]}") from exc
 
 
 def _monitoring(packet: bytes, header: FriHeader) -> MonitoringMessage:

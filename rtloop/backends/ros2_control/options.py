@@ -107,7 +107,9 @@ class Ros2ControlOptions(BackendOptions):
         for name, place in {**self.inputs, **self.outputs}.items():
             kind = driver.kind(place)
             if kind is None or (name in self.outputs and not driver.can_set(place)):
-                raise ValueError(f"{name!r} is {place}; with io: {self.io} valid are {driver.valid()}")
+                raise ValueError(
+                    f"{name!r} is {place}; with io: {self.io} the valid values are {driver.valid()}"
+                )
             if kind[0].is_analog != (name in self.analog):
                 what = "a number: add it to" if kind[0].is_analog else "true or false: remove it from"
                 raise ValueError(f"{name!r} is {place}, whose value is {what} analog")

@@ -304,7 +304,7 @@ def _check_axes(element: TelegramElement, layout: TelegramLayout) -> None:
     for name, text in element.attributes.items():
         if name not in ROBOT_AXES:
             raise TelegramError(
-                f"AIPos contains an unknown axis {shown(name)}; valid are: {', '.join(ROBOT_AXES)}"
+                f"AIPos contains an unknown axis {shown(name)}; valid names: {', '.join(ROBOT_AXES)}"
             )
         if name not in layout.axes and _number(text, f"AIPos.{name}") != 0.0:
             raise TelegramError(

@@ -185,7 +185,7 @@ def test_requests_that_make_no_sense_have_the_status_that_says_so(robot: Robot) 
     assert robot.http.post(path, content="{}", headers={"Content-Type": "text/plain"}).status_code == 415
     assert robot.http.post(f"/{robot.name}/RobotConfig/getDof").json()["result"] == 7  # no body, no fields
     for wrong, words in (
-        ("/nobody/RobotConfig/getDof", "there is no robot 'nobody'; valid are: "),
+        ("/nobody/RobotConfig/getDof", "there is no robot 'nobody'; valid names: "),
         (f"/{robot.name}/RobotConfig/getDoff", "did you mean 'getDof'?"),
         (f"/{robot.name}/RobotConfigs/getDof", "there is no /"),
     ):

@@ -262,7 +262,9 @@ def test_deleted_signals_are_gone_with_their_connection(server: Server) -> None:
             await add(ask, server.where, "b", 2, 1)
             await ask("modbusDeleteSignal", signal_name="a")
             assert await ask("modbusGetSignalNames") == ["b"]
-            assert "valid are: 'b'" in await ask.fails("modbusDeleteSignal", Code.NOT_FOUND, signal_name="a")
+            assert "valid names: 'b'" in await ask.fails(
+                "modbusDeleteSignal", Code.NOT_FOUND, signal_name="a"
+            )
             await ask("modbusDeleteAllSignals")
             assert await ask("modbusGetSignalNames") == []
             assert modbus._devices == {}

@@ -112,7 +112,7 @@ def test_what_cannot_move_together_is_refused_and_nothing_moves(arms: tuple[Vend
     left.ask("SyncMove/axisGroupAdd", name="g", robots=both)
     left.fails("SyncMove/axisGroupAdd", 40, name="g", robots=both)
     left.fails("SyncMove/axisGroupAdd", 10, name="h", robots=[left.name, left.name])
-    assert "valid are:" in left.fails("SyncMove/axisGroupAdd", 10, name="h", robots=["nobody"])
+    assert "valid names:" in left.fails("SyncMove/axisGroupAdd", 10, name="h", robots=["nobody"])
     assert "q must have 14 angles" in left.fails("SyncMove/axisGroupMoveJoint", 10, name="g", q=AWAY)
     left.fails("SyncMove/axisGroupMoveJoint", 11, name="g", q=[*AWAY, 9.0, *AWAY[1:]])
     left.fails("SyncMove/syncMoveOff", 12, syncident=99)

@@ -173,7 +173,7 @@ def test_a_watchdog_that_is_kicked_does_nothing() -> None:
 def test_a_wrong_watchdog_is_refused() -> None:
     async def check() -> None:
         ask = Caller(equipped(), CLASS)
-        assert "valid are: 0 none" in await ask.fails(
+        assert "valid values: 0 none" in await ask.fails(
             "setWatchDog", Code.INPUT, key="a", timeout=1.0, action=4
         )
         for timeout in (0.001, -1.0, 1e5):

@@ -104,7 +104,7 @@ def test_a_call_gets_what_the_request_says_and_answers_with_code_zero() -> None:
         ({"items": [[0.0]]}, "items[0]: must be a number"),
         (
             {"itmes": []},
-            "unknown key 'itmes' (did you mean 'items'?); valid are: flag, count, size, text, items",
+            "unknown key 'itmes' (did you mean 'items'?); valid keys: flag, count, size, text, items",
         ),
     ],
 )
@@ -205,9 +205,9 @@ def test_a_service_that_asks_for_the_origin_gets_it_whoever_calls() -> None:
 @pytest.mark.usefixtures("empty")
 def test_a_service_that_is_not_there_is_named_with_those_that_are() -> None:
     service("Test")(echo)
-    assert "there is no method 'ecoh' (did you mean 'echo'?); valid are: echo" in asked("ecoh").message
+    assert "unknown method 'ecoh' (did you mean 'echo'?); valid methods: echo" in asked("ecoh").message
     answer = asyncio.run(call(ROBOT, "Tset", "echo", {}))
-    assert (answer.code, answer.message) == (Code.NOT_FOUND, "there is no class 'Tset'; valid are: Test")
+    assert (answer.code, answer.message) == (Code.NOT_FOUND, "there is no class 'Tset'; valid names: Test")
 
 
 @pytest.mark.usefixtures("empty")

@@ -115,7 +115,7 @@ def test_what_cannot_be_is_refused() -> None:
         await ask.fails("frameAdd", Code.INPUT, name="", pose=pose)
         await ask.fails("frameAdd", Code.INPUT, name="short", pose=[0.0])
         message = await ask.fails("frameAdd", Code.NOT_FOUND, name="x", pose=pose, ref_frame="nowhere")
-        assert "valid are: world, table" in message
+        assert "valid names: world, table" in message
         await ask.fails("frameGetPose", Code.NOT_FOUND, name="nowhere")
         await ask.fails("frameAttach", Code.CONFLICT, frame="table", ref_frame="table")
         await ask.fails("frameMove", Code.INPUT, name="world", pose=pose)

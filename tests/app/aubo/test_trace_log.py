@@ -63,7 +63,7 @@ def test_only_so_many_messages_are_kept_and_none_is_endless() -> None:
 def test_wrong_messages_are_refused() -> None:
     async def check() -> None:
         ask = Caller(equipped(), "Trace")
-        assert "valid are: 0 info" in await ask.fails("alarm", Code.INPUT, level=4, code=1, args=[])
+        assert "valid values: 0 info" in await ask.fails("alarm", Code.INPUT, level=4, code=1, args=[])
         await ask.fails("popup", Code.INPUT, level=0, title="", msg="", mode=1)
         await ask.fails("peek", Code.INPUT, num=0)
 

@@ -357,7 +357,7 @@ def test_a_goal_is_refused_with_the_reason() -> None:
         ):
             with pytest.raises(InputError, match=sentence):
                 await graph.send_goal("/count", new_id(), arguments)
-        with pytest.raises(NotFoundError, match="there is no action '/cuont'; valid are: /count"):
+        with pytest.raises(NotFoundError, match="there is no action '/cuont'; valid names: /count"):
             await graph.send_goal("/cuont", new_id(), {})
         with pytest.raises(InputError, match="32 hexadecimal digits"):
             await graph.send_goal("/count", "one", {})

@@ -71,20 +71,20 @@ def test_a_body_larger_than_any_tool_needs_is_not_taken_in(service: VirtualServi
             "plan_to_joints: joints[0]: must be a number, got 'x'",
         ),
         ("plan_to_joints", {}, "plan_to_joints: joints: is missing"),
-        ("plan_to_joints", {"what": 1, "outcome": 2}, "unknown key 'what'; valid are: joints, speed, robot"),
+        ("plan_to_joints", {"what": 1, "outcome": 2}, "unknown key 'what'; valid keys: joints, speed, robot"),
         (
             "plan_to_pose",
             {"x": 0.0, "y": 0.0, "z": 0.1, "frame": "tool"},
-            "plan_to_pose: unknown key 'frame' (did you mean 'frame_id'?); valid are: x, y, z",
+            "plan_to_pose: unknown key 'frame' (did you mean 'frame_id'?); valid keys: x, y, z",
         ),
         ("plan_to_pose", {"x": "0.4", "y": 0.0, "z": 0.5}, "x: must be a number, got '0.4'"),
         ("plan_to_pose", {"x": True, "y": 0.0, "z": 0.5}, "x: must be a number, got true"),
         ("plan_to_pose", {"x": 0.4, "y": 0.0, "z": 0.5, "b": 180}, "180 degrees are 3.14159 rad"),
         ("plan_to_pose", {"x": 400, "y": 0, "z": 500}, "look like millimetres"),
         ("plan_to_joints", {"joints": "[0, 0]"}, "joints: must be a list, got '[0, 0]'"),
-        ("stop", {"robots": ""}, "unknown key 'robots' (did you mean 'robot'?); valid are: robot"),
+        ("stop", {"robots": ""}, "unknown key 'robots' (did you mean 'robot'?); valid keys: robot"),
         ("y" * 9000, {}, "there is no tool 'yyy"),
-        ("get_state", {"robot": "nobody"}, "there is no robot 'nobody'; valid are: "),
+        ("get_state", {"robot": "nobody"}, "there is no robot 'nobody'; valid names: "),
         ("get_log", {"lines": 10**12}, "get_log: lines: must be less than or equal to 300"),
     ],
 )
@@ -463,7 +463,7 @@ def test_what_is_read_and_which_prompt_is_taken_is_in_the_audit_too(
         await client.get_prompt("move_safely", {"goal": "the table"})
         for name, arguments in (("move_safely", {"what": "anywhere"}), ("move", {"goal": "the table"})):
             with pytest.raises(
-                MCPError, match=r"there is no prompt .*; valid are: move_safely\(goal\), diagnose"
+                MCPError, match=r"there is no prompt .*; valid names: move_safely\(goal\), diagnose"
             ):
                 await client.get_prompt(name, arguments)
         for missing in ("cobot://limits/nobody", "cobot://nothing"):
@@ -481,7 +481,7 @@ def test_what_is_read_and_which_prompt_is_taken_is_in_the_audit_too(
     assert (prompt["what"], prompt["outcome"]) == ("MCP prompt", "ok")
     assert prompt["details"]["prompt"] == "move_safely"
     assert "the table" in prompt["details"]["arguments"]
-    assert "there is no robot 'nobody'; valid are: " in nobody["outcome"]
+    assert "there is no robot 'nobody'; valid names: " in nobody["outcome"]
     assert nothing["outcome"] != "ok"
     assert "there is no prompt 'move_safely' with these arguments" in wrong["outcome"]
     assert [record for record in caplog.records if record.exc_info] == []

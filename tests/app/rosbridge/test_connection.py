@@ -651,7 +651,7 @@ def test_fragments_that_contradict_each_other_or_pile_up_are_refused(monkeypatch
     [
         ([], r"a message must be a JSON object, got \[\]"),
         (None, "a message must be a JSON object"),
-        ({}, "there is no op null; valid are: advertise, unadvertise"),
+        ({}, "there is no op null; valid names: advertise, unadvertise"),
         ({"op": "fly"}, "there is no op 'fly'"),
         ({"op": []}, r"there is no op \[\]"),
         ({"op": "subscribe"}, "subscribe: topic: is missing"),

@@ -135,7 +135,7 @@ def test_what_is_revoked_is_gone(file: TokenFile) -> None:
     file.create("bob", Role.OBSERVER)
     file.revoke("alice")
     assert [each.name for each in file.read()] == ["bob"]
-    with pytest.raises(NotFoundError, match="there is no token 'alice'; valid are: bob"):
+    with pytest.raises(NotFoundError, match="there is no token 'alice'; valid names: bob"):
         file.revoke("alice")
 
 

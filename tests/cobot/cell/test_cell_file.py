@@ -35,8 +35,8 @@ def part(**changes: object) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ({"part": {}}, "unknown key 'part' (did you mean 'parts'?); valid are: floor_m, hand"),
-        (part(weight=1.0), "parts.cube: unknown key 'weight'; valid are: shape, size_m"),
+        ({"part": {}}, "unknown key 'part' (did you mean 'parts'?); valid keys: floor_m, hand"),
+        (part(weight=1.0), "parts.cube: unknown key 'weight'; valid keys: shape, size_m"),
         ({"hand": {"stroke": 0.1}}, "hand: unknown key 'stroke' (did you mean 'stroke_m'?)"),
         (part(mass_kg="heavy"), "parts.cube.mass_kg: must be a number, got 'heavy'"),
         (part(mass_kg=NAN), "parts.cube.mass_kg: must be less than or equal to 100, got NaN"),
@@ -71,7 +71,7 @@ def part(**changes: object) -> dict[str, Any]:
         ({"outputs": {"a": {"kind": "loud"}}}, "outputs.a.kind: must be 'boolean', 'digital' or 'analog'"),
         (
             {"switches": {"a": {"type": "eye"}}},
-            "switches.a: type 'eye' is unknown; valid are: 'light_barrier'",
+            "switches.a: type 'eye' is unknown; valid values: 'light_barrier'",
         ),
         (
             {"switches": {"a": {**GATE, "to_m": GATE["from_m"]}}},
@@ -79,7 +79,7 @@ def part(**changes: object) -> dict[str, Any]:
         ),
         (
             {"switches": {"a": {"type": "contact", "body": "b"}}, **part()},
-            "switches.a.body: there is no 'b'; valid are: cube",
+            "switches.a.body: there is no 'b'; valid names: cube",
         ),
         (
             {

@@ -83,18 +83,18 @@ def test_paths_take_points_and_poses_as_lists_and_all_else_as_the_service_does()
 @pytest.mark.parametrize(
     ("name", "params", "sentence"),
     [
-        ("Fly", {}, f"there is no primitive 'Fly'; valid are: {', '.join(PRIMITIVES)}"),
+        ("Fly", {}, f"there is no primitive 'Fly'; valid names: {', '.join(PRIMITIVES)}"),
         ("Home", {"name": "away"}, "Home: name is 'home' and cannot be changed"),
         ("MoveL", {"target": POSE, "planner": "ptp"}, "MoveL: planner is 'lin' and cannot be changed"),
         (
             "Home",
             {"wait": False},
-            "Home: there is no parameter 'wait'; valid are: speed, accel_scale, planner",
+            "Home: there is no parameter 'wait'; valid names: speed, accel_scale, planner",
         ),
         (
             "MoveL",
             {"target": POSE, "velocity": 1},
-            "MoveL: there is no parameter 'velocity'; valid are: target",
+            "MoveL: there is no parameter 'velocity'; valid names: target",
         ),
         (
             "MoveArc",

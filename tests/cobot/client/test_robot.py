@@ -141,7 +141,7 @@ def test_every_mode_is_entered_as_the_table_says(robot: Robot) -> None:
         robot.SwitchMode(mode)
         assert robot.mode() is mode
         assert SWITCHES[mode] == SWITCHES[Mode.IDLE]
-    with pytest.raises(InputError, match="valid are: IDLE, NRT_CARTESIAN"):
+    with pytest.raises(InputError, match="valid modes: IDLE, NRT_CARTESIAN"):
         robot.SwitchMode(Mode.UNKNOWN)
 
 
@@ -227,14 +227,14 @@ def test_a_plan_that_is_unknown_or_out_of_place_is_refused(robot: Robot) -> None
     with pytest.raises(ConflictError, match="NRT_PLAN_EXECUTION; call switch_mode first"):
         robot.ExecutePlan("PLAN-Home")
     robot.SwitchMode(Mode.NRT_PLAN_EXECUTION)
-    with pytest.raises(InputError, match="valid are: PLAN-Home, PLAN-Work"):
+    with pytest.raises(InputError, match="valid names: PLAN-Home, PLAN-Work"):
         robot.ExecutePlan("PLAN-Lunch")
 
 
 @pytest.mark.parametrize(
     ("name", "params", "sentence"),
     [
-        ("Dance", {}, "no primitive 'Dance'; valid are: Home"),
+        ("Dance", {}, "no primitive 'Dance'; valid names: Home"),
         ("MoveJ", {}, "MoveJ: target is missing"),
         ("MoveJ", {"target": HOME[:6]}, "target must have 7 numbers"),
         ("MoveL", {"target": HOME[:6]}, "target must have 7 numbers"),
@@ -330,7 +330,7 @@ def test_a_wrong_target_is_refused_and_the_session_goes_on(
     [
         ({"inner_control_hz": 0}, "inner_control_hz must be from 1 to 1000, got 0"),
         ({"inner_control_hz": 2000}, "inner_control_hz must be from 1 to 1000, got 2000"),
-        ({"interpolation": "cubic"}, "valid are: none, linear, quintic, ruckig"),
+        ({"interpolation": "cubic"}, "valid values: none, linear, quintic, ruckig"),
     ],
 )
 def test_a_session_that_makes_no_sense_is_refused(

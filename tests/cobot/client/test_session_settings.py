@@ -80,7 +80,7 @@ def test_a_target_is_taken_as_often_as_it_is_sent_at_any_period(period_s: float,
         (lambda s: s._describe(Stream.CARTESIAN, 0.5, True, None), "inner_control_hz must be from 1 to 1000"),
         (
             lambda s: s._describe(Stream.CARTESIAN, 100, True, "cubic"),
-            "unknown interpolation 'cubic'; valid are",
+            "unknown interpolation 'cubic'; valid values:",
         ),
     ],
 )

@@ -41,7 +41,7 @@ def test_what_is_no_frame_is_refused() -> None:
         header(bytes(15))
     with pytest.raises(LayoutError, match=f"layout version {LAYOUT_VERSION + 1}, but this program has"):
         header(struct.pack("<IIQ", 1, LAYOUT_VERSION + 1, 0))
-    with pytest.raises(InputError, match=r"no binary frame of kind 9; valid are: 1 \(state\), 2"):
+    with pytest.raises(InputError, match=r"no binary frame of kind 9; valid kinds: 1 \(state\), 2"):
         header(struct.pack("<IIQ", 9, LAYOUT_VERSION, 0))
 
 

@@ -46,8 +46,8 @@ web:
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("web: {prot: 1}", "web: unknown key 'prot' (did you mean 'port'?); valid are: enabled, host, port"),
-        ("wbe: {}", "unknown key 'wbe' (did you mean 'web'?); valid are: robot, rt, streaming"),
+        ("web: {prot: 1}", "web: unknown key 'prot' (did you mean 'port'?); valid keys: enabled, host, port"),
+        ("wbe: {}", "unknown key 'wbe' (did you mean 'web'?); valid keys: robot, rt, streaming"),
         (
             "web: {limits: {bodies_bytes: 2000000}}",
             "web.limits: bodies_bytes: is 2000000, but one body may have 33554432 bytes",
@@ -132,7 +132,7 @@ def test_each_of_several_robots_has_all_settings_and_only_its_own_differ(tmp_pat
     assert (left.streaming.linear_velocity, right.streaming.linear_velocity) == (0.5, 0.1)
     assert left.web.model_copy(update={"joint_limits": right.web.joint_limits}) == right.web
     assert settings.of("right") is right
-    with pytest.raises(ConfigError, match="there is no robot 'middle'; valid are: left, right"):
+    with pytest.raises(ConfigError, match="there is no robot 'middle'; valid names: left, right"):
         settings.of("middle")
 
 
@@ -164,7 +164,7 @@ def test_the_robot_section_says_what_is_the_same_for_all(tmp_path: Path) -> None
         ),
         (
             "robots: [{name: a, modle: x.xml}]",
-            "robots[0]: unknown key 'modle' (did you mean 'model'?); valid are: name, model, srdf, group,",
+            "robots[0]: unknown key 'modle' (did you mean 'model'?); valid keys: name, model, srdf, group,",
         ),
         ("robots: [{name: a, web: {port: 1}}]", "robots[0]: unknown key 'web'"),
         ("robots: [{name: a, 7: x}]", "robots[0]: unknown key '7'"),

@@ -326,7 +326,7 @@ def test_a_digital_value_other_than_0_and_1_is_unknown_and_named(polled: Callabl
         await until(lambda: made.values == {"analog_in/1": -1.0} and made.problem != "")
         assert made.problem == (
             "digital_in/1 cannot be read: the service /arm/get_ctrl_box_digital_input has answered -1; "
-            "valid are 0 and 1"
+            "valid values: 0 and 1"
         )
         driver.signals["ctrl_box_digital_input", 1] = 1
         await until(lambda: made.values.get("digital_in/1") == 1.0 and made.problem == "")

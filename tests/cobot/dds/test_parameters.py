@@ -144,7 +144,7 @@ def test_what_is_fixed_says_why(tool: Tool, name: str) -> None:
         ("fjt_time", float("nan"), "fjt_time must be from 0 to 10, got nan"),
         ("joint_states_rate_hz", 2000.0, "joint_states_rate_hz must be from 1 to 1000, got 2000"),
         ("enable_fjt_action", "yes", "enable_fjt_action is of type BOOL, got STRING"),
-        ("nothing", 1, "there is no parameter 'nothing'; valid are: "),
+        ("nothing", 1, "there is no parameter 'nothing'; valid names: "),
     ],
 )
 def test_a_wrong_value_is_refused_with_the_reason(tool: Tool, name: str, wrong: Any, reason: str) -> None:

@@ -164,7 +164,7 @@ def test_all_kinds_of_points_are_what_the_device_has(device: Device) -> None:
         ("coil 9000", 1.0, "rejects the request: illegal address"),
         ("input 0", 1.0, "input 0 is an input of the Modbus device; name a coil or a register"),
         ("register 0", 65536.0, "register 0 is 65536, allowed: 0 to 65535"),
-        ("relay 1", 1.0, "'relay 1' is not a point of a Modbus device; valid are coil N"),
+        ("relay 1", 1.0, "'relay 1' is not a point of a Modbus device; valid names: coil N"),
     ):
         with pytest.raises(GripperError, match=words):
             points.set(name, value)

@@ -111,12 +111,12 @@ def test_a_named_position_without_a_joint_is_reported_with_file_position_and_joi
         ("web: {endpoints: no.yaml}", r"FAILED  endpoints: .*no\.yaml: no such file"),
         (
             "robot: {start_position: hom}",
-            r"FAILED  robot: robot\.start_position: 'hom' is not in .*; valid are: home, work, transport",
+            r"FAILED  robot: robot\.start_position: 'hom' is not in .*; valid names: home, work, transport",
         ),
         ("robot: {tcp: gripper}", r"FAILED  robot: .*robot\.tcp: the model has no site or body 'gripper'"),
         (
             "planning: {default_frame: moon}",
-            r"FAILED  robot: planning\.default_frame: there is no frame 'moon'; valid are: base_link",
+            r"FAILED  robot: planning\.default_frame: there is no frame 'moon'; valid names: base_link",
         ),
         (
             "rt: {backend: no.such:Arm}",
@@ -132,12 +132,12 @@ def test_a_named_position_without_a_joint_is_reported_with_file_position_and_joi
             "robot: {name: a}\nlogs: logs",
             r"FAILED  logs: .*logs/a\.log: cannot be written to: Is",
         ),
-        ("rt: {cpu: 4096}", r"FAILED  core: rt\.cpu: there is no core 4096; valid are: \d"),
+        ("rt: {cpu: 4096}", r"FAILED  core: rt\.cpu: there is no core 4096; valid cores: \d"),
         ("web: {host: host.invalid}", r"FAILED  address: web\.host: cannot listen on 'host\.invalid'"),
         ("web: {host: 192.0.2.1}", r"FAILED  address: web\.host: cannot listen on '192\.0\.2\.1'"),
         ("logs: mine.yaml/logs", r"FAILED  logs: .*mine\.yaml/logs: cannot be written to: Not a directory"),
         ("sequences: {recordings: mine.yaml}", r"FAILED  recordings: .*mine\.yaml: cannot be written to"),
-        ("robot: {group: hand}", r"FAILED  robot: .*has no group 'hand'; valid are: iiwa_arm"),
+        ("robot: {group: hand}", r"FAILED  robot: .*has no group 'hand'; valid names: iiwa_arm"),
     ],
 )
 def test_what_the_settings_name_and_is_not_there_is_reported(
@@ -154,11 +154,11 @@ def test_what_the_settings_name_and_is_not_there_is_reported(
     [
         (
             "robot: {modle: x.xml}",
-            r"mine\.yaml: robot: unknown key 'modle' \(did you mean 'model'\?\); valid are: name, model,",
+            r"mine\.yaml: robot: unknown key 'modle' \(did you mean 'model'\?\); valid keys: name, model,",
         ),
         (
             "wbe: {}",
-            r"mine\.yaml: unknown key 'wbe' \(did you mean 'web'\?\); valid are: robot, rt, streaming",
+            r"mine\.yaml: unknown key 'wbe' \(did you mean 'web'\?\); valid keys: robot, rt, streaming",
         ),
         ("rt: {period_s: fast}", r"mine\.yaml: rt\.period_s: .*got 'fast'"),
         ("rt: {period_s: 1.0}", r"mine\.yaml: rt\.period_s: .*0\.01.*got 1\.0"),

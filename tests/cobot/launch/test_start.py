@@ -64,7 +64,7 @@ def started(folder: Path, robot: str, text: str, capsys: pytest.CaptureFixture[s
         ("robot: {srdf: no.srdf}\n", r"robot\.srdf: .*/no\.srdf: no such file"),
         ("robot: {srdf: mine.yaml}\n", r"robot\.srdf: .*/mine\.yaml: not a readable SRDF"),
         ("robot: {tcp: hand}\n", r"robot\.model: .*robot\.tcp: the model has no site or body 'hand'"),
-        ("robot: {start_position: hom}\n", r"robot\.start_position: 'hom' is not in .*; valid are: home"),
+        ("robot: {start_position: hom}\n", r"robot\.start_position: 'hom' is not in .*; valid names: home"),
         (
             "planning: {default_frame: moon}\n",
             r"planning\.default_frame: there is no frame 'moon'; valid",

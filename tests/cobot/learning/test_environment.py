@@ -199,7 +199,7 @@ def test_the_gripper_of_a_service_is_moved(tmp_path: Path) -> None:
             {"start": [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 3.04]},
             r"options: start: angle of joint7 is 3\.04 rad, allowed: -3\.03\d* to 3\.03\d* rad",
         ),
-        ({"begin": [0.0] * 7}, "options: unknown key 'begin'; valid are: start"),
+        ({"begin": [0.0] * 7}, "options: unknown key 'begin'; valid keys: start"),
         ([0.0] * 7, "options must be a dictionary"),
     ],
 )

@@ -234,4 +234,4 @@ def test_cameras_that_cannot_be_are_named(options: dict[str, object], said: str)
 
 def test_the_command_says_what_it_lacks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["record", str(tmp_path / "one.mcap"), "--cameras", "left"]) == 1
-    assert "there is no camera 'left'; valid are: front, wrist" in capsys.readouterr().err
+    assert "there is no camera 'left'; valid names: front, wrist" in capsys.readouterr().err

@@ -173,7 +173,7 @@ def test_a_goal_that_differs_in_what_is_free_alone_needs_no_motion() -> None:
 @pytest.mark.parametrize(
     ("free", "said"),
     [
-        (("c",), r"free_axes\[0\]: there is no axis 'c'; valid are: rx, ry, rz"),
+        (("c",), r"free_axes\[0\]: there is no axis 'c'; valid names: rx, ry, rz"),
         (("rz", "rz"), r"free_axes\[1\]: rz is given twice"),
         (("rx", "rz"), "free_axes: rx and rz together already allow every orientation"),
     ],

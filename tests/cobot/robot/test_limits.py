@@ -77,7 +77,7 @@ def test_a_missing_limit_is_refused_by_joint_and_key(tmp_path: Path, key: str) -
         ("min_position", 3.0, "min_position 3 must be below max_position 2.97"),
         ("max_position", float("nan"), "must be below max_position nan, both between -1000 and 1000"),
         ("min_position", float("-inf"), "min_position -inf must be below"),
-        ("max_speed", 1.0, "unknown key 'max_speed'; valid are: has_position_limits, min_position"),
+        ("max_speed", 1.0, "unknown key 'max_speed'; valid keys: has_position_limits, min_position"),
     ],
 )
 def test_a_wrong_limit_is_refused_with_joint_key_and_value(

@@ -59,7 +59,7 @@ def test_states_of_other_groups_are_left_out(tmp_path: Path) -> None:
         (
             '<joint name="joint4" value="-1.57"/>',
             '<joint name="elbow" value="-1.57"/>',
-            "position 'home': joint 'elbow' is unknown; valid are: joint1, joint2,",
+            "position 'home': joint 'elbow' is unknown; valid names: joint1, joint2,",
         ),
         ('<joint name="joint4" value="-1.57"/>', "", "position 'home': joint4 missing"),
         (
@@ -81,7 +81,7 @@ def test_states_of_other_groups_are_left_out(tmp_path: Path) -> None:
             '<!DOCTYPE robot [<!ENTITY a "b">]><robot>',
             "must not have a DOCTYPE",
         ),
-        ('<group name="iiwa_arm">', '<group name="other">', "has no group 'iiwa_arm'; valid are: other"),
+        ('<group name="iiwa_arm">', '<group name="other">', "has no group 'iiwa_arm'; valid names: other"),
     ],
 )
 def test_a_wrong_file_is_refused_with_place_and_reason(

@@ -204,7 +204,7 @@ def test_an_error_names_place_value_and_limit(
 
 
 def test_an_unknown_field_is_refused_with_the_valid_ones(messages: Messages) -> None:
-    with pytest.raises(InputError, match="valid are: header, name, position, velocity, effort"):
+    with pytest.raises(InputError, match="valid keys: header, name, position, velocity, effort"):
         messages.checked("sensor_msgs/msg/JointState", {"q": []})
 
 

@@ -87,7 +87,9 @@ def test_bad_input_is_one_line_on_standard_error(file: Path, capsys: pytest.Capt
     file.write_text("question: x\nkind: reech\n", encoding="utf-8")
     assert main([str(file)]) == 1
     said = capsys.readouterr().err
-    assert said.startswith(f"cobot: {file}: kind: unknown kind 'reech' (did you mean 'reach'?); valid are: ")
+    assert said.startswith(
+        f"cobot: {file}: kind: unknown kind 'reech' (did you mean 'reach'?); valid kinds: "
+    )
     assert said.count("\n") == 1
     assert main(["none.yaml"]) == 1
     assert capsys.readouterr().err == "cobot: none.yaml: no such file\n"

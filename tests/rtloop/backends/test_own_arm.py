@@ -65,10 +65,10 @@ def test_a_backend_that_is_not_there_is_refused_by_its_name(
 @pytest.mark.parametrize(
     ("backend", "message"),
     [
-        ({"type": "own_arm:Arm", "port": 1}, r"robot.backend: unknown key 'port'.*; valid are: type"),
+        ({"type": "own_arm:Arm", "port": 1}, r"robot.backend: unknown key 'port'.*; valid keys: type"),
         (
             {"type": "paced_arm:PacedArm", "adress": "a"},
-            r"unknown key 'adress' \(did you mean 'address'\?\); valid are: type, simulator, address",
+            r"unknown key 'adress' \(did you mean 'address'\?\); valid keys: type, simulator, address",
         ),
         (
             {"type": "paced_arm:PacedArm", "port": 0},
@@ -76,7 +76,7 @@ def test_a_backend_that_is_not_there_is_refused_by_its_name(
         ),
         ({"port": 0}, r"robot.backend: must be a name, or a mapping with a type"),
         ({"type": "paced_arm:PacedArm", "period": 2}, r"unknown key 'period'"),
-        ("nobody", r"there is no 'nobody'; valid are: .*mujoco.*, or package.module:Class"),
+        ("nobody", r"there is no 'nobody'; valid names: .*mujoco.*, or package.module:Class"),
     ],
 )
 def test_options_that_a_backend_does_not_have_are_refused_with_those_that_it_has(

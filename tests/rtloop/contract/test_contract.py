@@ -260,10 +260,10 @@ def test_a_robot_is_not_moved_by_it(settings: Settings) -> None:
 
 
 def test_a_rig_may_have_no_faults_that_nobody_knows(settings: Settings) -> None:
-    with pytest.raises(ConfigError, match="unknown fault 'lightning'; valid are: disconnect, "):
+    with pytest.raises(ConfigError, match="unknown fault 'lightning'; valid names: disconnect, "):
         cell_for(settings, "broken_backends:StrangeRig")
 
 
 def test_a_backend_that_is_not_there_is_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["test", "nobody"]) == 1
-    assert "there is no 'nobody'; valid are: " in capsys.readouterr().err
+    assert "there is no 'nobody'; valid names: " in capsys.readouterr().err

@@ -77,7 +77,7 @@ class FanucControl(LineServer):
         unknown = [name for name in request.io if name not in self._controller.io]
         if unknown:
             return {
-                "error": f"io: {shown(unknown[0])} does not exist; valid are {sorted(self._controller.io)}"
+                "error": f"io: {shown(unknown[0])} does not exist; valid names: {sorted(self._controller.io)}"
             }
         self._change(request)
         return self.status()

@@ -64,7 +64,9 @@ class ControlServer(LineServer):
             return {"error": sentence(exc.errors()[0])}
         for name, value in request.io.items():
             if name not in self._cabinet.io:
-                return {"error": f"io: {shown(name)} is not registered; valid are {sorted(self._cabinet.io)}"}
+                return {
+                    "error": f"io: {shown(name)} is not registered; valid names: {sorted(self._cabinet.io)}"
+                }
             try:
                 require_number(point_of(self._cabinet.io[name]), value)
             except LimitError as exc:

@@ -64,7 +64,7 @@ class RsiControlServer(LineServer):
         names = self._controller.layout.inputs
         for name in request.inputs:
             if name not in names:
-                return {"error": f"inputs: {shown(name)} is not an input; valid are {sorted(names)}"}
+                return {"error": f"inputs: {shown(name)} is not an input; valid names: {sorted(names)}"}
         self._apply(request)
         return self.status()
 

@@ -107,7 +107,7 @@ def test_a_deleted_token_is_invalid_at_once_and_its_websocket_is_closed(guarded:
     assert run.loop.time() - begun_s < 0.2, "not with the next look at the file, after 0.5 s"
     again = guarded.ask("DELETE", f"{PATH}/leaving")
     assert (again.status_code, again.json()["code"]) == (404, "not_found")
-    assert "valid are: root, olga" in again.json()["detail"]
+    assert "valid names: root, olga" in again.json()["detail"]
 
 
 def test_the_control_of_a_deleted_token_ends_at_once(guarded: Guarded) -> None:

@@ -256,10 +256,10 @@ def test_the_websocket_says_the_same(run: VirtualService) -> None:
         ("after=99999999999999999999999999999999", 422, "is neither EPOCH-NUMBER nor a number"),
         ("after=-1", 422, "is neither EPOCH-NUMBER nor a number"),
         ("after=", 422, "is neither EPOCH-NUMBER nor a number"),
-        ("types=mode,moed", 422, "types: 'moed' is not an event type; valid are: service, rtloop, mode"),
+        ("types=mode,moed", 422, "types: 'moed' is not an event type; valid types: service, rtloop, mode"),
         ("types=", 422, "types: '' is not an event type"),
         ("type=mode", 422, "did you mean 'types'?"),
-        ("robot=nobody", 404, "robot: 'nobody' is not a robot of this service; valid are: "),
+        ("robot=nobody", 404, "robot: 'nobody' is not a robot of this service; valid names: "),
     ],
 )
 def test_what_makes_no_sense_is_refused_on_both_ways(

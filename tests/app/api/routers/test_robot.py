@@ -85,12 +85,12 @@ def test_poses_in_the_frames_of_the_hand_and_of_the_world(service: VirtualServic
         (
             "pose",
             {"frame_id": "link4"},
-            "frame_id: 'link4' moves with the joints; valid are: base_link, tool, world",
+            "frame_id: 'link4' moves with the joints; valid names: base_link, tool, world",
         ),
         (
             "pose",
             {"frame_id": "moon"},
-            "frame_id: there is no frame 'moon'; valid are: base_link, tool, world",
+            "frame_id: there is no frame 'moon'; valid names: base_link, tool, world",
         ),
         (
             "pose",
@@ -156,7 +156,7 @@ def test_a_tool_stays_upright_over_http(service: VirtualService) -> None:
             "min.x is 1 m; it must be below",
         ),
         ({"box": {"min": {"x": 1, "y": 0, "z": 0}}}, "constraints.box.max"),
-        ({"joints": {"elbow": [0, 1]}}, "there is no such joint; valid are: joint1"),
+        ({"joints": {"elbow": [0, 1]}}, "there is no such joint; valid names: joint1"),
         ({"joints": {"joint1": [1, 0]}}, "constraints.joints.joint1: is 1 to 0 rad"),
         ({"joints": {"joint1": [3, 4]}}, "is 3 to 4 rad, beyond the limits of -2.9"),
         ({"joints": {"joint1": [0]}}, "constraints.joints.joint1"),

@@ -115,7 +115,7 @@ def test_an_unknown_name_is_not_found_and_the_valid_ones_are_listed(
     assert answer.status_code == 404
     assert answer.json()["code"] == "not_found"
     assert answer.json()["detail"].startswith("there is no robot '")
-    assert answer.json()["detail"].endswith("'; valid are: left, right-2")
+    assert answer.json()["detail"].endswith("'; valid names: left, right-2")
 
 
 @pytest.mark.parametrize(

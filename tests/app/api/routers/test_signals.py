@@ -125,7 +125,7 @@ def test_distances_are_lengths_of_the_path_of_the_tcp(run: WiredService) -> None
         (
             {"start_when": {"input": "light", "is": True}},
             422,
-            "start_when.input: there is no input 'light'; valid are: part, distance",
+            "start_when.input: there is no input 'light'; valid names: part, distance",
         ),
         (
             {"start_when": {"input": "part", "above": 1.0}},

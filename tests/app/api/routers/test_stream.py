@@ -187,7 +187,7 @@ WRONG = [
     ("{", "input", "not valid JSON"),
     ("[]", "input", "must be a JSON object"),
     ("null", "input", "must be a JSON object"),
-    ('{"type": "jump"}', "input", "there is no frame of type 'jump'; valid are: subscribe, session"),
+    ('{"type": "jump"}', "input", "there is no frame of type 'jump'; valid types: subscribe, session"),
     ('{"type": []}', "input", "there is no frame of type []"),
     ('{"type": "end", "type": "end"}', "input", "the key 'type' occurs twice"),
     ('{"type": "subscribe", "rate_hz": 0}', "input", "rate_hz"),
@@ -218,7 +218,7 @@ def test_wrong_frames_are_answered_and_change_nothing(client: Frames, run: Virtu
         assert words in answer["detail"], frame
     layout = client.hello["layout"]
     client.binary(9, 1)
-    assert "there is no binary frame of kind 9; valid are: 1 (state)" in client.answer()["detail"]
+    assert "there is no binary frame of kind 9; valid kinds: 1 (state)" in client.answer()["detail"]
     client.binary(3, 99, b"\0" * 7, layout)
     assert client.answer() == {
         "type": "error",

@@ -125,7 +125,7 @@ def test_the_shipped_example_starts_and_ends_at_home_and_is_feasible(robot: Robo
         (HEADER.replace(",t", ""), ["missing column t"]),
         (HEADER.replace("joint3,", ""), ["missing column joint3"]),
         (HEADER + ",velocity2", ["missing column velocity1, velocity3", "velocity7"]),
-        (HEADER + ",", ["column 9", "''", "valid are: joint1"]),
+        (HEADER + ",", ["column 9", "''", "valid keys: joint1"]),
         ("", ["row 1 is empty"]),
     ],
 )
@@ -211,7 +211,7 @@ def test_numbers_name_the_joints_of_a_robot_whose_own_names_are_others() -> None
 
 
 def test_a_number_never_stands_for_another_joint_than_the_one_of_that_name() -> None:
-    with pytest.raises(InputError, match=r"column 2: unknown key 'joint_2'.*valid are: joint_0, joint_1, t"):
+    with pytest.raises(InputError, match=r"column 2: unknown key 'joint_2'.*valid keys: joint_0, joint_1, t"):
         read("joint_1,joint_2,t\n0,0,0\n", None, ["joint_0", "joint_1"])
 
 

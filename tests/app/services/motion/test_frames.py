@@ -86,7 +86,7 @@ def test_what_cannot_be_is_refused() -> None:
         (lambda: frames.add("a", here), ConflictError, "the frame 'a' exists already"),
         (lambda: frames.add(WORLD, here), ConflictError, "the frame 'world' exists already"),
         (lambda: frames.add("", here), InputError, "a name must have from 1 to 200 characters"),
-        (lambda: frames.add("c", here, "z"), NotFoundError, "no frame 'z'; valid are: world, a, b"),
+        (lambda: frames.add("c", here, "z"), NotFoundError, "no frame 'z'; valid names: world, a, b"),
         (lambda: frames.remove("a"), ConflictError, "b are attached to 'a'; delete them first"),
         (lambda: frames.move(WORLD, here), InputError, "world is the root"),
         (lambda: pose_of([0.0] * 5), InputError, "pose"),

@@ -70,15 +70,15 @@ def test_what_is_given_in_the_tool_is_placed_where_the_motion_begins(
 
 
 def test_a_frame_that_moves_and_one_that_is_not_there_are_refused_with_the_valid_ones(goals: Goals) -> None:
-    with pytest.raises(InputError, match=r"'tcp' moves with the joints; valid are: base_link, tool"):
+    with pytest.raises(InputError, match=r"'tcp' moves with the joints; valid names: base_link, tool"):
         goals.frame("tcp")
-    with pytest.raises(InputError, match=r"no frame 'nowhere'; valid are: base_link, tool"):
+    with pytest.raises(InputError, match=r"no frame 'nowhere'; valid names: base_link, tool"):
         goals.frame("nowhere")
     assert goals.frame("") is None
 
 
 def test_a_taught_position_has_a_name_like_those_of_the_srdf(goals: Goals, robot: RobotDescription) -> None:
-    with pytest.raises(InputError, match="there is no named position 'shelf'; valid are: home, "):
+    with pytest.raises(InputError, match="there is no named position 'shelf'; valid names: home, "):
         goals.named("shelf")
     joints = robot.positions["home"].joints
     goals.taught = {"shelf": NamedPosition("shelf", "taught", joints, "")}

@@ -149,7 +149,7 @@ BOX = {"shape": "box", "size": [0.1, 0.1, 0.1], "x": 1.0, "y": 0.0, "z": 0.0}
 @pytest.mark.parametrize(
     ("changes", "status", "message"),
     [
-        ({}, 422, "nothing to change; valid are: clear, detach"),
+        ({}, 422, "nothing to change; valid fields: clear, detach"),
         ({"object": {}}, 422, "did you mean 'objects'?"),
         ({"objects": {"a": BOX | {"size": [0.1, 0.1]}}}, 422, "objects.a.size"),
         ({"objects": {"a": BOX | {"size": [0.1, 0.1, -1.0]}}}, 422, "equal to 0.0001, got -1.0"),
@@ -161,11 +161,11 @@ BOX = {"shape": "box", "size": [0.1, 0.1, 0.1], "x": 1.0, "y": 0.0, "z": 0.0}
         ({"objects": {"a": BOX | {"frame_id": "link7"}}}, 422, "moves with the joints"),
         ({"objects": {"link7": BOX}}, 422, "'link7' is a body"),
         ({"objects": {"a b": BOX}}, 422, "a b"),
-        ({"objects": {"a": None}}, 404, "there is no object 'a'; valid are: none"),
+        ({"objects": {"a": None}}, 404, "there is no object 'a'; valid names: none"),
         ({"frames": {"a": None}}, 404, "there is no frame 'a'"),
         ({"attach": {"a": []}}, 404, "there is no object 'a'"),
         ({"detach": ["a"]}, 404, "there is no object 'a'"),
-        ({"allowed": [["a", "link7"]]}, 404, "there is no body or object 'a'; valid are"),
+        ({"allowed": [["a", "link7"]]}, 404, "there is no body or object 'a'; valid names:"),
         ({"allowed": [["link7"]]}, 422, "allowed[0]"),
         ({"objects": {"good": BOX}, "attach": {"bad": []}}, 404, "there is no object 'bad'"),
     ],

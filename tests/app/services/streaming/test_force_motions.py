@@ -187,7 +187,7 @@ def test_a_search_ends_at_an_input(tmp_path: Path) -> None:
         record = service.until(lambda: (found := service.get(f"/jobs/{job}").json())["ended_at"] and found)
         assert record["state"] == "finished", record
         for until, words in (
-            ({"input": "nothing", "is": True}, "until.input: there is no input 'nothing'; valid are: part"),
+            ({"input": "nothing", "is": True}, "until.input: there is no input 'nothing'; valid names: part"),
             ({"input": "part", "above": 1.0}, "until: part is boolean; give is"),
             ({"input": "distance", "is": True}, "until: distance is analog; give above or below"),
         ):

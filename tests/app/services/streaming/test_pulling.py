@@ -137,7 +137,7 @@ def test_what_cannot_be_pulled_is_refused_by_name(run: VirtualService, client: F
     target = [0.4, 0.3, 0.6]
     for link in ("base_link", "nowhere"):
         detail = refused(client, link=link, point=POINT, target=target)["detail"]
-        assert f"there is no link {link!r} that moves; valid are: link1, link2" in detail
+        assert f"there is no link {link!r} that moves; valid names: link1, link2" in detail
     assert "must be given together" in refused(client, link="link7", target=target)["detail"]
     block = run.rig.memory.device
     try:

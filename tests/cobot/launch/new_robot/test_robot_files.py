@@ -142,7 +142,7 @@ def test_fingers_are_left_out_by_name_and_keep_their_weight(
 
 def test_a_finger_that_does_not_exist_is_named_with_those_that_do(tmp_path: Path) -> None:
     with pytest.raises(
-        ConfigError, match=r"has no joint 'thumb'; valid are: a0, .*, left_joint, right_joint"
+        ConfigError, match=r"has no joint 'thumb'; valid names: a0, .*, left_joint, right_joint"
     ):
         made_of(tmp_path / "arm.urdf", urdf(ARMS["ur"], GRIPPER), without=[*FINGERS, "thumb"])
 
@@ -275,7 +275,7 @@ def test_a_folder_that_is_given_is_the_package_whatever_its_name(tmp_path: Path)
 def test_a_base_that_moves_or_is_none_is_named_with_those_that_can_be(
     tmp_path: Path, base: str, told: str
 ) -> None:
-    with pytest.raises(ConfigError, match=rf"^--base: '{base}' {told}.*; valid are: world, base_link$"):
+    with pytest.raises(ConfigError, match=rf"^--base: '{base}' {told}.*; valid names: world, base_link$"):
         made_of(tmp_path / "arm.urdf", urdf(ARMS["ur"]), base=base)
 
 

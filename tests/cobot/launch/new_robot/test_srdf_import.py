@@ -92,11 +92,11 @@ def test_groups_that_are_not_the_arm_are_to_be_chosen_from(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("text", "options", "reason"),
     [
-        (CHAIN, {"group": "hand"}, "group 'hand' is not in the file; valid are: manipulator"),
+        (CHAIN, {"group": "hand"}, "group 'hand' is not in the file; valid names: manipulator"),
         (
             '<group name="arm"><joint name="a9"/></group>',
             {"group": "arm"},
-            r"group 'arm' has no joint that moves; valid are: arm \(no joint\)",
+            r"group 'arm' has no joint that moves; valid names: arm \(no joint\)",
         ),
         (
             '<group name="arm"><chain base_link="link4" tip_link="link1"/></group>',

@@ -179,7 +179,7 @@ REFUSED = {
         {}, r"has no arm: its joints are those of a gripper \(left_finger, right_finger\)",
     ),
     "an unknown TCP": (
-        urdf(ARMS["ur"]), {"tcp": "tip"}, "has no site or link 'tip' for the TCP; valid are: .*tool0",
+        urdf(ARMS["ur"]), {"tcp": "tip"}, "has no site or link 'tip' for the TCP; valid names: .*tool0",
     ),
     "a TCP that stands": (urdf(ARMS["ur"]), {"tcp": "base_link"}, "no joint moves 'base_link'"),
     "a base that moves": (

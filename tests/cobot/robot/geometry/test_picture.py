@@ -117,7 +117,7 @@ VISUAL = "visuals: [{{link: {link}, shape: {shape}, position: [0, 0, 0], quatern
             "elbow",
             "box",
             ", size: [1, 1, 1]",
-            "name the link 'elbow', which the model does not have; valid are: ",
+            "name the link 'elbow', which the model does not have; valid names: ",
         ),
         ("link1", "box", "", "a box needs size"),
         ("link1", "cylinder", ", radius: [1]", "a cylinder needs length"),

@@ -169,7 +169,7 @@ def test_an_open_mesh_is_its_surface():
 @pytest.mark.parametrize(
     ("vertices", "triangles", "message"),
     [
-        (CUBE, [[0, 1, 8]], "there is no vertex 8; valid are 0 to 7"),
+        (CUBE, [[0, 1, 8]], "there is no vertex 8; valid values: 0 to 7"),
         (CUBE, np.zeros((0, 3), int), "the mesh has no triangles"),
         (CUBE, [[0, 0, 1]], "all have the area 0"),
         (CUBE * 0.0, [[0, 1, 2]], "all at the same place"),

@@ -188,7 +188,7 @@ def test_a_space_that_is_out_of_reach_says_what_is_nearest() -> None:
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ({"metod": "ik"}, r"unknown key 'metod' \(did you mean 'method'\?\); valid are: "),
+        ({"metod": "ik"}, r"unknown key 'metod' \(did you mean 'method'\?\); valid keys: "),
         ({"method": "best"}, "method: must be 'ik', 'free' or 'lin', got 'best'"),
         ({"method": "lin"}, "start: must be given for the method lin"),
         ({"start": "home"}, "start: must be given for the method lin and for no other; the method is free"),

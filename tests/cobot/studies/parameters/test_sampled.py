@@ -68,7 +68,7 @@ def test_true_and_false_are_a_share_with_its_interval(tmp_path: Path) -> None:
 def test_a_metric_that_the_function_does_not_return_is_an_error(tmp_path: Path) -> None:
     study = function_study(tmp_path, metric="vale")
     with pytest.raises(
-        InputError, match=r"metric: unknown result 'vale' \(did you mean 'value'\?\); valid are: "
+        InputError, match=r"metric: unknown result 'vale' \(did you mean 'value'\?\); valid results: "
     ):
         study.answer({"task": np.arange(2), **study.kernel()(0, 2)})
     study = function_study(tmp_path, metric="name")

@@ -166,8 +166,14 @@ def test_inputs_and_outputs_have_the_names_of_the_settings(limits: JointLimits) 
             {"outputs": {"a": "tool/a"}, "inputs": {"a": "tool/b"}},
             "'a' is the name of both an input and an output",
         ),
-        ({"io": "ur", "inputs": {"a": "digital_in/18"}}, "'a' is digital_in/18; with io: ur valid are"),
-        ({"io": "ur", "outputs": {"a": "digital_in/1"}}, "'a' is digital_in/1; with io: ur valid are"),
+        (
+            {"io": "ur", "inputs": {"a": "digital_in/18"}},
+            "'a' is digital_in/18; with io: ur the valid values are",
+        ),
+        (
+            {"io": "ur", "outputs": {"a": "digital_in/1"}},
+            "'a' is digital_in/1; with io: ur the valid values are",
+        ),
         ({"io": "ur", "outputs": {"a": "analog_out/0"}}, "for outputs digital_out/0 to 17 only"),
         ({"io": "ur", "inputs": {"a": "analog_in/0"}}, "value is a number: add it to analog"),
         (
@@ -176,7 +182,10 @@ def test_inputs_and_outputs_have_the_names_of_the_settings(limits: JointLimits) 
         ),
         ({"io": "motoros2", "outputs": {"a": "io/10009"}}, "io/10 to 99999; for outputs io/10010 to 29999"),
         ({"io": "xarm", "inputs": {"a": "digital_in/16"}}, "digital_in/0 to 15, digital_out/0 to 15, "),
-        ({"io": "xarm", "inputs": {"a": "digital_in/03"}}, "'a' is digital_in/03; with io: xarm valid are"),
+        (
+            {"io": "xarm", "inputs": {"a": "digital_in/03"}},
+            "'a' is digital_in/03; with io: xarm the valid values are",
+        ),
         ({"io": "doosan", "outputs": {"a": "digital_out/0"}}, "'a' is digital_out/0; .*digital_out/1 to 16"),
         (
             {"io": "doosan", "outputs": {"a": "tool_digital_in/1"}},

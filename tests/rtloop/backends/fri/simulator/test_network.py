@@ -87,7 +87,7 @@ def test_control_says_how_it_is_and_does_what_it_is_told(control: ControlServer)
         (b'{"los": 1}', "unknown key 'los' (did you mean 'loss'?)"),
         (b'{"loss": 2}', "loss: must be less than or equal to 1"),
         (b'{"safety_stop": 3}', "safety_stop: must be less than or equal to 2"),
-        (b'{"io": {"Other": 1}}', "'Other' is not registered; valid are ['Tool.Open']"),
+        (b'{"io": {"Other": 1}}', "'Other' is not registered; valid names: ['Tool.Open']"),
         (b'{"push": [1e300, 0, 0, 0, 0, 0]}', "push[0]: must be less than or equal to 1000"),
         (b'{"push": [0, NaN, 0, 0, 0, 0]}', "push[1]: must be "),
         (b'{"io": {"Tool.Open": NaN}}', "Tool.Open is boolean: the value must be 0 or 1, got nan"),
