@@ -1,9 +1,9 @@
 """The web service.
 
-The validator and the serializer of a pydantic model are built when the model is first used, and not when its
-class is defined. A service imports 400 such classes, including FastAPI's classes for OpenAPI, and most runs
-need only a few of them. This saves a third of the import time. In return, the first request to an endpoint
-takes some milliseconds longer.
+Pydantic builds the validator and serializer of a model when the model is first used, not when its class is
+defined. The service imports 400 such classes, including FastAPI's OpenAPI classes, but most runs use only a
+few of them, so this saves a third of the import time. In return, the first request to an endpoint takes a few
+milliseconds longer.
 """
 
 import warnings
@@ -12,5 +12,5 @@ from pydantic import BaseModel
 from pydantic.warnings import UnsupportedFieldAttributeWarning
 
 BaseModel.model_config["defer_build"] = True
-# FastAPI silences this warning too, but only while a route is made.
+# FastAPI also silences this warning, but only while it creates a route.
 warnings.simplefilter("ignore", UnsupportedFieldAttributeWarning)

@@ -15,14 +15,14 @@ from cobot.launch.process import Niceness, die_with_parent, in_words, set_nicene
 
 
 def start() -> int:
-    # These imports take some seconds, during which the supervisor might die unnoticed.
+    # These imports take several seconds. The supervisor could die meanwhile without being noticed.
     from app.memory import share_arenas
 
     share_arenas()
     from app.services.motion.planning_blanks import planning_blanks
 
     arguments = _read_arguments()
-    ros_token = os.environ.pop(ROS_TOKEN_VARIABLE, None)  # not inherited by processes that start here
+    ros_token = os.environ.pop(ROS_TOKEN_VARIABLE, None)  # child processes must not inherit it
     fleet_token = os.environ.pop(FLEET_TOKEN_VARIABLE, None)
     blanks = planning_blanks(arguments.config)
     from app.server import main

@@ -1,5 +1,5 @@
-"""Starts and ends everything that runs while the application is running, from opening shared memory to the
-final stop.
+"""Starts and ends the application's resources and background tasks, from opening shared memory to the final
+stop of the arms.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Lifetime:
 
     @contextlib.asynccontextmanager
     async def of(self, app: FastAPI) -> AsyncIterator[None]:
-        """Serve the robots while the context is open. At its end all arms are stopped."""
+        """Serve the robots while the context is open. When it is left, all arms are stopped."""
         events = self.shared.events
         async with saying_why(app), contextlib.AsyncExitStack() as stack:
             await self._begin(app, stack)

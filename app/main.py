@@ -1,6 +1,6 @@
 """Composes the web service from its parts, its middleware and its documentation.
 
-The routes are in `app.routes`. The tasks that run as long as the service are in `app.lifetime`.
+The routes are in `app.routes`. The background tasks are in `app.lifetime`.
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ def _application(lifetime: Lifetime) -> FastAPI:
 
 
 def _set_state(app: FastAPI, settings: Settings, shared: SharedParts, endpoints: dict[str, Endpoint]) -> None:
-    """Fill `app.state` with the data that requests need. `Lifetime` adds the parts that it starts."""
+    """Fill `app.state` with the data that requests need. `Lifetime` adds what it starts."""
     app.state.events = shared.events
     app.state.endpoints = endpoints | {twin_name(name): each for name, each in endpoints.items()}
     app.state.large_body = asyncio.Lock()
@@ -161,8 +161,8 @@ def _set_state(app: FastAPI, settings: Settings, shared: SharedParts, endpoints:
 
 
 def _add_middleware(app: FastAPI, settings: Settings, tokens: Authenticator, *, required: bool) -> None:
-    """Add the middleware, innermost first, in an order in which rejected requests appear in the audit log
-    too.
+    """Add the middleware, innermost first. The order ensures that rejected requests appear in the audit
+    log.
     """
     app.add_middleware(Clients)
     app.add_middleware(BodyLimit, all_bytes=settings.web.limits.bodies_bytes)

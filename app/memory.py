@@ -15,9 +15,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 LOOK_S, MAX_S = 2.0, 15.0
-"""First and longest interval between two memory checks, s. The interval grows while freeing has no effect."""
+"""Shortest and longest interval between two memory checks, s. The interval grows as long as freeing has no
+effect.
+"""
 GROWTH = 1.05
-"""Growth factor above which memory is freed. Freeing takes some milliseconds."""
+"""Growth of the memory above which it is freed. Freeing takes a few milliseconds."""
 ARENAS = 2
 _M_ARENA_MAX = -8
 _libc = ctypes.CDLL(None)
@@ -38,7 +40,7 @@ async def give_back() -> None:
     """Return memory while the service is running. With a C library other than glibc, only Python's own memory
     is returned.
     """
-    # opened now, because later no file descriptor may be free
+    # opened now, because later there may be no free file descriptor
     with Path("/proc/self/statm").open("rb", buffering=0) as statm:
         await _give_back(lambda: int(os.pread(statm.fileno(), 99, 0).split()[1]) * _page_bytes)
 

@@ -1,6 +1,6 @@
-"""`python -m app.openapi_document`: print the OpenAPI document of a service with the default configuration.
+"""`python -m app.openapi_document`: prints the OpenAPI document of a service with the default configuration.
 
-It equals the `/openapi.json` of such a service, except that a robot may have any name.
+It equals the `/openapi.json` of that service, except that a robot may have any name.
 `packages/cobot-client-js` is generated from it and works with every service.
 """
 

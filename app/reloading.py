@@ -1,10 +1,10 @@
 """Reloads the configuration while all robots are at rest, for POST /admin/reload and for SIGHUP.
 
-Either the whole configuration is reloaded, or nothing changes. The files are copied and the copy is validated
-as a whole (see `cobot.launch.running_config`). Then named positions, joint limits and the web settings in
-`LIVE_WEB` are applied. Other changes need a restart; the answer lists them. New joint limits apply at once in
-the service, in new planning processes, and in rtloop, which the supervisor restarts. Until rtloop has
-restarted, no motion may begin.
+A reload applies all changes or none. The files are copied and the copy is validated as a whole (see
+`cobot.launch.running_config`). Then named positions, joint limits and the web settings in `LIVE_WEB` are
+applied. Other changes need a restart; the answer lists them. New joint limits apply at once in the service.
+The planning processes are replaced, and the supervisor restarts rtloop. Until rtloop has restarted, no motion
+may begin.
 """
 
 from __future__ import annotations
@@ -49,17 +49,19 @@ from cobot.robot.limits import check_positions
 from cobot.types import RESTING, JointLimits
 
 LIVE_WEB = ("allowed_hosts", "allowed_origins", "max_body_bytes", "max_json_bytes", "stop_on_disconnect")
-"""Settings in the section `web` that a reload changes. Code that uses them reads `app.state.web` each time,
-or is notified.
+"""Settings in the section `web` that a reload applies. Code that uses them reads `app.state.web` each time,
+or is notified of changes.
 """
 BY_CONTENT = {"web.endpoints", "web.joint_limits", "robot.srdf", "robot.cell"}
-"""Settings that name a file. A change is detected by the file's content, not its name."""
+"""Settings that name a file. They have changed if the file's content has changed; its name does not
+matter.
+"""
 STATE_TIMEOUT_S = 1.5
 RTLOOP_TIMEOUT_S = 20.0
 POLL_S = 0.02
 NAME = "the reload of the configuration"
 SIGNAL = "SIGHUP", "this computer", NAME
-"""Client, address and action in the audit log entry for a reload by signal."""
+"""Client, address and action in the audit log's entry for a reload by signal."""
 
 log = logging.getLogger("cobot.reload")
 
@@ -74,7 +76,7 @@ class Reloaded:
 
 @dataclass(frozen=True, slots=True)
 class _Read:
-    """The new configuration: the new description of each robot, and the answer to the reload request."""
+    """The new configuration: its settings, each robot's description, and the answer to the reload request."""
 
     settings: Settings
     robots: dict[str, RobotDescription]
@@ -87,9 +89,9 @@ class Reloading:
 
     Args:
         settings: the current settings.
-        config: the file from which they were read.
-        source: the file that the user edits, if `config` is the supervisor's copy of this file. None without
-            a supervisor; in that case new joint limits need a restart.
+        config: the file with the current settings.
+        source: the file that the user edits, if `config` is the supervisor's copy of it. None without a
+            supervisor: new joint limits then need a restart.
         state: state of the application. A reload replaces its `web` and updates its `origins`.
     """
 
@@ -116,7 +118,7 @@ class Reloading:
 
         Raises:
             InputError: the files are not valid; the error states where. Nothing has changed.
-            ConflictError: a client is moving a robot, or a robot is outside the new limits.
+            ConflictError: a client is moving a robot, or a robot is currently outside the new limits.
             UnavailableError: a robot does not answer, so it is unknown whether it is at rest; or rtloop has
                 not restarted with the new limits.
         """
@@ -128,7 +130,7 @@ class Reloading:
                 claims.enter_context(owner.claim(caller))
                 await _require_rest(services)
             read = await asyncio.to_thread(self._read)
-            for services in robots.values():  # a local client streams without a claim
+            for services in robots.values():  # a local client may be streaming without a claim
                 await _require_rest(services)
             for name in read.new_limits:
                 _require_within(robots[name], read.robots[name].limits)
@@ -137,7 +139,7 @@ class Reloading:
         return read.answer
 
     def processes(self) -> dict[str, ProcessState]:
-        """Return the processes that the supervisor runs, by name; empty without a supervisor."""
+        """Return the supervisor's processes by name; empty without a supervisor."""
         return {} if self._running is None else self._running.processes()
 
     def begin(self) -> None:
@@ -203,7 +205,7 @@ class Reloading:
         return _Read(settings, robots, new_limits, Reloaded(taken_over, needs_restart))
 
     def _merge(self, new: Settings) -> Settings:
-        """Return the current settings with those new values that need no restart."""
+        """Return the current settings, updated with the new values that need no restart."""
         web = {key: getattr(new.web, key) for key in LIVE_WEB}
         merged = []
         for name, each in self._settings.each.items():
@@ -216,7 +218,7 @@ class Reloading:
         return merged[0].model_copy(update={"robots": several})
 
     def _take_over(self, robots: dict[str, Services], read: _Read) -> None:
-        """Apply the new configuration. No other task runs meanwhile."""
+        """Apply the new configuration, without letting other tasks run in between."""
         if self._running is not None:
             self._running.commit()
         self._settings = read.settings
@@ -232,7 +234,7 @@ class Reloading:
             robots[name].servo.restore_limits()
 
     async def _enforce(self, services: Services) -> None:
-        """Make the planning processes and rtloop use the new limits."""
+        """Replace the planning processes and restart rtloop, so that they use the new limits."""
         await asyncio.gather(services.planning.renew(), self._restart_rtloop(services))
 
     async def _restart_rtloop(self, services: Services) -> None:
@@ -240,7 +242,7 @@ class Reloading:
         process = self.processes().get(f"rtloop {name}" if self._settings.robots else "rtloop")
         if process is None:
             raise UnavailableError("the supervisor has not reported the process id of rtloop; restart cobot")
-        # rtloop has died; the next one reads the new limits anyway
+        # rtloop has died, and its successor reads the new limits anyway
         with contextlib.suppress(ProcessLookupError):
             os.kill(process.pid, signal.SIGTERM)
         deadline_s = link.clock.now_s() + RTLOOP_TIMEOUT_S
@@ -276,7 +278,7 @@ def _require_within(services: Services, limits: JointLimits) -> None:
 
 
 def _differences(old: Settings, new: Settings) -> Iterator[str]:
-    """List the differences that a reload does not apply."""
+    """Yield a description of each difference that needs a restart."""
     if list(old.each) != list(new.each):
         yield f"robots: {', '.join(old.each)} → {', '.join(new.each)}"
     said = set()

@@ -1,4 +1,4 @@
-"""All services for one robot. Routers call only these services, and only these services access shared
+"""All services of one robot. Routers call only these services, and in this process only they access shared
 memory.
 """
 
@@ -68,7 +68,7 @@ Planner = Callable[[Path | None, int, str], PlanningService]
 
 @dataclass(frozen=True, slots=True)
 class SharedParts:
-    """Parts that the services of all robots share; see `app.main.create_app`.
+    """Objects that the services of all robots share; see `app.main.create_app`.
 
     Attributes:
         slowest_move_s: the longest timeout of a request that moves the arm, s.
@@ -177,7 +177,7 @@ def _services(
 ) -> Services:
     """Make all services of one robot, each after the services that it depends on."""
     longest_s = loading_s(settings.rt.trajectory_capacity, settings.rt.period_s)
-    # The timeout of a motion assumes full speed.
+    # The timeout of a motion is for full speed.
     latest_s = shared.slowest_move_s / FRACTIONS[0] + longest_s + LATEST_ANSWER_S + MAX_PAUSE_S
     url = address(shared.base_url, robot.name) if shared.several else shared.base_url
     cell = cell_of(settings)

@@ -85,10 +85,10 @@ OF_THE_SERVICE = (
 def install(
     app: FastAPI, endpoints: Mapping[str, Endpoint], names: list[str], agents: McpEndpoint | None
 ) -> None:
-    """Add the routes of all enabled endpoints, with priority over the existing routes.
+    """Add the routes of all enabled endpoints, ahead of the existing routes.
 
-    Routes are tried in turn, so the documentation's routes come last. `include_router` is not used, because
-    FastAPI would then match nested routers in each request.
+    Routes are matched in order, so the documentation's routes come last. `include_router` is not used,
+    because FastAPI would then match nested routers for each request.
 
     Args:
         endpoints: the endpoints by name, with the user's changes.
@@ -98,11 +98,12 @@ def install(
     plain = _enabled(OF_A_ROBOT, endpoints)
     routes = [*plain, *robots.twins(plain, names), *_enabled(OF_THE_SERVICE, endpoints)]
     if agents is not None:
-        routes.append(Route(MCP, agents, methods=["POST"]))  # the body of a GET would not be counted
+        # POST only, because the body of a GET would not be counted
+        routes.append(Route(MCP, agents, methods=["POST"]))
     app.router.routes[:0] = routes
     for route in app.routes:
         if isinstance(route, APIRoute):
-            route.operation_id = route.name  # the names of methods in generated clients
+            route.operation_id = route.name  # becomes the method's name in generated clients
 
 
 def _enabled(routers: Iterable[APIRouter], endpoints: Mapping[str, Endpoint]) -> list[BaseRoute]:

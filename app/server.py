@@ -34,14 +34,14 @@ from cobot.logs.supervision import SupervisorLosses
 ANY_ADDRESS = {"0.0.0.0": "127.0.0.1", "::": "::1"}
 SHUTDOWN_S = 4
 SWITCH_S = 0.001
-"""Maximum time that a thread parsing large data may block the event loop, s."""
+"""Maximum time for which a thread that parses large data blocks the event loop, s."""
 PING_S = 5.0
 
 log = logging.getLogger("cobot.service")
 
 
 class Server(uvicorn.Server):
-    """The HTTP server. Each connection needs a place in a crowd."""
+    """The HTTP server. Each connection takes a place in a `Crowd`."""
 
     def __init__(
         self,
@@ -60,7 +60,7 @@ class Server(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         limits = self._limits
         shared = Shared(crowd_for(limits), Turns(), limits)
-        await super().startup(sockets=[])  # uvicorn reports here that it has started
+        await super().startup(sockets=[])  # here uvicorn only reports that it has started
 
         def protocol(visit: Visit) -> HttpProtocol:
             return HttpProtocol(
@@ -90,7 +90,7 @@ def main(
         arguments: see `app.__main__`.
         ros_token: token of the DDS process.
         fleet_token: token of the fleet process.
-        blanks: processes that were started in advance and become the first planning processes.
+        blanks: processes that were started in advance, to become the first planning processes.
     """
     start_logging("service")
     try:
@@ -110,7 +110,7 @@ def main(
     except CobotError as exc:
         log.error("%s", exc)
         return 2
-    if secure:  # programs that are started here trust the certificate for any host name
+    if secure:  # programs started by this process trust the certificate for any host name
         os.environ[CERTIFICATE_VARIABLE] = str(settings.web.tls_certificate)
     limits = settings.web.limits
     app.state.losses = SupervisorLosses(arguments.losses_fd)
@@ -129,11 +129,12 @@ def main(
         timeout_keep_alive=int(limits.idle_timeout_s),
         timeout_graceful_shutdown=SHUTDOWN_S,
         server_header=False,
-        proxy_headers=False,  # the client is the peer of the connection; headers do not count
+        proxy_headers=False,  # the client is the peer of the connection, whatever its headers say
         ssl_certfile=settings.web.tls_certificate,
         ssl_keyfile=settings.web.tls_key,
     )
-    # After closing all, uvicorn raises the signal that ended it once more. Python must end without an error.
+    # After closing everything, uvicorn raises the signal that ended it again. Python must still end without
+    # an error.
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     sys.setswitchinterval(SWITCH_S)
     server = Server(config, limits, lambda: app.state.events.close())

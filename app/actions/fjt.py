@@ -58,13 +58,11 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array
 
 WATCH_S = 0.01
-"""Interval at which the tolerances of a goal are checked, s."""
+"""Interval between checks of a goal's tolerances, s."""
 FEEDBACK_EVERY = round(FEEDBACK_S / WATCH_S)
 READY_S = 1.0
 THERE_S = 0.5
-"""Duration of a motion to the arm's current position, s. It is used for a goal whose only point is this
-position.
-"""
+"""Duration of the motion for a goal whose only point is the arm's current position, s."""
 PLAN_S = 30.0
 
 log = logging.getLogger("cobot.fjt")
@@ -136,7 +134,9 @@ class FollowJointTrajectory:
 
     @contextlib.asynccontextmanager
     async def _turn(self, handle: GoalHandle) -> AsyncIterator[TrajectoryRun]:
-        """End the previous goal, then make this the newest goal. A cancel request or a newer goal ends it."""
+        """End the previous goal and start this one, which runs until a cancel request or a newer goal ends
+        it.
+        """
         run, before = TrajectoryRun(), self._newest
         self._newest = run
 
@@ -180,8 +180,8 @@ class FollowJointTrajectory:
         return trajectory.note
 
     async def _plan(self, claim: Claim, goal: FjtGoal, state: RobotState, *, streamed: bool) -> Trajectory:
-        """Plan the motion through all points. It is slower than requested where the limits require this and
-        the goal permits it.
+        """Plan the motion through all points. Where the limits require it and the goal permits it, the motion
+        is slower than requested.
         """
         start, points = state.commanded_position, goal.points
         if points[-1].time_from_start_s == 0.0:
@@ -206,8 +206,8 @@ class FollowJointTrajectory:
         return trajectory
 
     def _require_there(self, start: Array, position: Sequence[float]) -> None:
-        """Check that a single point at time 0 is the arm's current position. MoveIt makes such a plan for an
-        arm that is already at the goal.
+        """Check that the arm is at the goal's only point, whose time is 0. MoveIt sends such a plan if the
+        arm is already at its goal.
         """
         off = np.abs(np.asarray(position) - start)
         if off.max() > self._start_tolerance_rad:
@@ -263,8 +263,8 @@ class FollowJointTrajectory:
             await asyncio.sleep(WATCH_S)
 
     async def _await_arrival(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory) -> None:
-        """Wait until the arm is within goal_tolerance. This is only needed if goal_tolerance is tighter than
-        the service's own end-of-motion tolerance.
+        """Wait until the arm is within goal_tolerance. A wait is needed only if goal_tolerance is tighter
+        than the service's own end-of-motion tolerance.
         """
         deadline_s = self._link.clock.now_s() + min(goal.late_s, ARRIVAL_S)
         while True:
@@ -282,17 +282,15 @@ class FollowJointTrajectory:
             claim.interrupt(PathViolated(f"{violation} by path_tolerance; {WIDER_PATH}"))
 
     def _under_way(self, goal: FjtGoal, trajectory: Trajectory, state: RobotState) -> bool:
-        """Whether the arm is not yet within the goal's tolerances. Settling time after that is not
-        considered.
+        """Whether the arm is still outside the goal's tolerances. Once it is within them, settling does not
+        count.
         """
         if state.path_time_s < trajectory.duration_s:
             return True
         return bool(goal.end.violation(trajectory.end - state.position, -state.velocity, self._limits))
 
     def _latest_s(self, goal: FjtGoal, trajectory: Trajectory) -> float:
-        """Return the latest permitted arrival time of the arm, in seconds after the beginning of the
-        motion.
-        """
+        """Return the latest time at which the arm may arrive, in seconds from the start of the motion."""
         return max(goal.points[-1].time_from_start_s + goal.late_s, trajectory.duration_s + WATCH_S)
 
     def _fail(self, handle: GoalHandle, error: CobotError) -> Message:

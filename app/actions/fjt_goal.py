@@ -1,8 +1,8 @@
 """Reads a FollowJointTrajectory goal from its message and checks it.
 
 The rules are the same as for ros2_control's joint_trajectory_controller; `docs/fjt.md` lists the exceptions.
-This module finds every error in the message itself. The planner decides whether this arm can execute the
-motion.
+This module detects all errors in the message itself. Whether the arm can execute the motion is for the
+planner to decide.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from cobot.types import Array, JointLimits, Waypoint
 
 SHOWN_NAMES = 10
 LATE_START_S = 1.0
-"""Maximum delay of a goal, s. A goal whose header.stamp is in the past by at most this time begins at once.
-An older goal is rejected.
+"""Maximum age of a goal's header.stamp, s. A goal that is late by less than this starts at once; an older one
+is rejected.
 """
 EARLIEST_START_S = 600.0
 WIDER_PATH = "raise it, or send a slower trajectory"
@@ -57,15 +57,15 @@ class GoalViolated(ExecutionError):
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """Allowed errors of each joint, shape (dof,), rad and rad/s. They are infinite where the goal sets no
-    tolerance.
+    """Allowed position and velocity error of each joint, shape (dof,), rad and rad/s; infinite where the goal
+    sets no tolerance.
     """
 
     position: Array
     velocity: Array
 
     def violation(self, position_error: Array, velocity_error: Array, limits: JointLimits) -> str:
-        """Describe the joint that exceeds its tolerance most; "" if all joints are within their
+        """Describe the joint that exceeds its tolerance the most. Returns "" if all joints are within their
         tolerances.
         """
         for derivative, (error, allowed) in enumerate(
@@ -85,11 +85,11 @@ class FjtGoal:
     """A valid goal.
 
     Attributes:
-        points: points of the trajectory, with the joints in the robot's order.
-        start_s: time at which to begin, s since 1970; None to begin at once.
+        points: trajectory points, with the joints in the robot's order.
+        start_s: start time, s since 1970; None to start at once.
         path, end: tolerances along the path and at its end.
-        late_s: maximum delay of the arrival, relative to the time of the last point, s; infinite if there is
-            no limit.
+        late_s: how long after the time of the last point the arm may arrive, s; infinite if there is no
+            limit.
     """
 
     points: list[Waypoint]
@@ -101,12 +101,12 @@ class FjtGoal:
     def corridor_rad(self, smoothing_rad: float) -> Array:
         """Return the maximum deviation of each joint's motion from the points, shape (dof,), rad.
 
-        This is at most half of the tolerance, because the arm also deviates from its planned motion.
+        The deviation is at most half the tolerance, because the arm does not follow its plan exactly.
         """
         return np.minimum(smoothing_rad, 0.5 * np.minimum(self.path.position, self.end.position))
 
     def late(self, planned_s: float) -> str:
-        """Return the message for an arm that does not arrive in time.
+        """Return the error message for an arm that has not arrived in time.
 
         Args:
             planned_s: duration of the planned motion, s.
@@ -128,7 +128,7 @@ def read_goal(goal: Message, limits: JointLimits, now_s: float) -> FjtGoal:
         now_s: the time of day, s since 1970.
 
     Raises:
-        GoalError: the message is invalid. The error contains the reason and the result code of the action.
+        GoalError: the message is invalid. The error has the reason and the action's result code.
     """
     trajectory = goal["trajectory"]
     order = _order(trajectory["joint_names"], limits.names)
@@ -196,7 +196,8 @@ def _points(messages: list[Message], order: list[int]) -> list[Waypoint]:
         raise GoalError("points[0]: accelerations without velocities are not supported: send both")
     if velocities is not None and accelerations is None:
         accelerations = hermite_accelerations(times, positions, velocities)
-    if accelerations is not None:  # at rest; MoveIt states the velocities at both ends of its motions
+    # the arm is at rest there; MoveIt sends velocities for both ends of its motions
+    if accelerations is not None:
         accelerations[-1] = 0.0
         if times[0] == 0.0:
             accelerations[0] = 0.0
@@ -231,17 +232,18 @@ def _rows(messages: list[Message], name: str, order: list[int]) -> Array | None:
 
 
 def _retimed(times: Array, index: int) -> str:
-    """Describe what to do about a time that is not later than the previous one."""
+    """Suggest how to correct a point whose time is not later than the time of the previous point."""
     if not times.any():
         return "all times are 0: add a time parameterization (MoveIt has an adapter for it)"
     return "leave the point out" if times[index] == times[index - 1] else "order the points by their times"
 
 
 def hermite_accelerations(times_s: Array, positions: Array, velocities: Array) -> Array:
-    """Calculate accelerations for points with velocities, from the cubics between the points, shape (n, dof).
+    """Calculate the accelerations of points that have velocities, shape (n, dof), from cubics between the
+    points.
 
-    Where two cubics meet, the result is the mean of their accelerations. This smooths the jumps that a cubic
-    Hermite spline has in acceleration. At both ends the acceleration is 0, because the arm is at rest there.
+    Where two cubics meet, the result is the mean of their accelerations, because the acceleration of a cubic
+    Hermite spline jumps there. At both ends the acceleration is 0, because the arm is at rest there.
     """
     accelerations = np.zeros_like(positions)
     if len(times_s) > 2:
@@ -272,8 +274,8 @@ def _start_time(stamp: Message, duration_s: float, now_s: float) -> float | None
 
 
 def _tolerance(messages: list[Message], names: tuple[str, ...], field: str) -> Tolerance:
-    """Read the tolerances in a message. In ROS 0 means the default and -1 means no tolerance. Here both are
-    infinite.
+    """Read the tolerances in a message. In ROS, 0 means the default and -1 means no tolerance; both are
+    returned as infinity.
     """
     made = Tolerance(np.full(len(names), math.inf), np.full(len(names), math.inf))
     for index, message in enumerate(messages):

@@ -1,6 +1,4 @@
-"""Progress of a FollowJointTrajectory goal. It is compared with the tolerances and reported to the client as
-feedback.
-"""
+"""Progress of a FollowJointTrajectory goal, for the check of its tolerances and for the client's feedback."""
 
 from __future__ import annotations
 
@@ -15,11 +13,11 @@ from cobot.types import Array, JointLimits
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryProgress:
-    """The state of the arm and of its trajectory at one moment. All arrays are of shape (dof,), in rad, rad/s
-    and rad/s².
+    """The state of the arm and of its trajectory at one time. All arrays have the shape (dof,) and are in
+    rad, rad/s and rad/s².
 
     Attributes:
-        stamp_ns: time of this moment, ns since 1970.
+        stamp_ns: time of this state, ns since 1970.
         time_s: time along the trajectory.
     """
 
@@ -30,8 +28,8 @@ class TrajectoryProgress:
 
     @property
     def error(self) -> tuple[Array, Array]:
-        """Return the desired minus the actual values, which is the sign that joint_trajectory_controller
-        uses.
+        """Return the position and velocity errors, desired minus actual, as joint_trajectory_controller
+        reports them.
         """
         return self.desired[0] - self.actual[0], self.desired[1] - self.actual[1]
 
@@ -40,8 +38,8 @@ class TrajectoryProgress:
         return goal.path.violation(*self.error, limits)
 
     def feedback(self, names: tuple[str, ...]) -> Message:
-        """Make the message control_msgs/action/FollowJointTrajectory_Feedback. Fields that equal ROS's
-        default are omitted.
+        """Build a control_msgs/action/FollowJointTrajectory_Feedback message. Fields with ROS's default value
+        are omitted.
         """
         return {
             "header": {"stamp": ros_time(self.stamp_ns)},
@@ -66,8 +64,8 @@ class TrajectoryProgress:
 def on_path(
     trajectory: Trajectory, time_s: float, rate: float, state: RobotState, stamp_ns: int
 ) -> TrajectoryProgress:
-    """Return the progress at a time along the trajectory. This time advances by `rate` per second of the
-    clock.
+    """Return the progress at a time along the trajectory. `rate` is how fast this time advances, in seconds
+    per second.
     """
     desired = [trajectory.sample([time_s], order)[0] * rate**order for order in range(3)]
     return TrajectoryProgress(

@@ -1,6 +1,4 @@
-"""Execution of a FollowJointTrajectory goal: its settings, its state until the end, and servo sessions that
-execute it.
-"""
+"""Execution of a FollowJointTrajectory goal: its settings, its state while it runs, and its servo session."""
 
 from __future__ import annotations
 
@@ -23,7 +21,7 @@ from cobot.trajectory import Trajectory
 from cobot.types import JointLimits
 
 FEEDBACK_S = 0.05
-"""Interval of the feedback, s. It corresponds to 20 Hz, the default of joint_trajectory_controller."""
+"""Interval between feedback messages, s. joint_trajectory_controller has the same default, 20 Hz."""
 SEND_PERIOD_S = 0.01
 WATCHDOG_S = 0.5
 OWNER = "follow_joint_trajectory"
@@ -34,13 +32,15 @@ ARRIVAL_S = 5.0
 timeout.
 """
 FINISHED = (0.005, 0.02)
-"""Maximum errors at the end of a servo session if the goal has no goal_tolerance, rad and rad/s."""
+"""Maximum position and velocity error at the end of a servo session if the goal has no goal_tolerance, rad
+and rad/s.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class FjtSettings:
-    """Settings that determine how goals are executed. They come from the settings file and can be changed
-    later through `fjt_control`.
+    """Settings for the execution of goals. The settings file has their initial values; `fjt_control` changes
+    them.
 
     Attributes:
         mode: servo mode; NONE for a planned motion.
@@ -55,7 +55,7 @@ class FjtSettings:
 
 
 class TrajectoryRun:
-    """A goal from its acceptance to its end.
+    """A goal, from acceptance to its end.
 
     Attributes:
         cause: the reason to end early; None while the goal may continue.
@@ -69,7 +69,7 @@ class TrajectoryRun:
         self._claim: Claim | None = None
 
     def interrupt(self, cause: ExecutionError) -> None:
-        """End this run. If this is called several times, the first cause is kept."""
+        """End this run. Only the cause from the first call is kept."""
         if self.cause is None:
             self.cause = cause
             self._interrupted.set()
@@ -77,7 +77,7 @@ class TrajectoryRun:
                 self._claim.interrupt(cause)
 
     def own(self, claim: Claim) -> None:
-        """Bind this run to a claim, so that an interruption of the run also interrupts the claim."""
+        """Bind this run to a claim. Interrupting the run then interrupts the claim as well."""
         self._claim = claim
         if self.cause is not None:
             claim.interrupt(self.cause)
@@ -88,7 +88,7 @@ class TrajectoryRun:
             raise self.cause
 
     async def sleep(self, seconds: float) -> None:
-        """Sleep for a given time. If the run must end, the sleep ends at once and the cause is raised."""
+        """Sleep for a given time. If the run must end, wake up at once and raise the cause."""
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(self._interrupted.wait(), max(seconds, 0.0))
         self.proceed()

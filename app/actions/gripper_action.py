@@ -1,10 +1,10 @@
 """The actions /{robot}/gripper/gripper_cmd (control_msgs/action/GripperCommand) and
 /{robot}/gripper/parallel_gripper_cmd (control_msgs/action/ParallelGripperCommand).
 
-A goal is executed as a gripper command and as a job. A new command replaces the current one, regardless of
-whether it comes from one of these actions or from another client. If an object stops the fingers, the goal
-succeeds, with `stalled`. The results have no field for the reason of a failure, so the reason is reported in
-the log, on /rosout and in the job.
+A goal is executed as a gripper command and as a job. A new command replaces the current one, whether it comes
+from one of these actions or from another client. If an object stops the fingers, the goal succeeds with
+`stalled` set. The results have no field for an error message, so the reason for a failure is reported in the
+log, on /rosout and in the job.
 """
 
 from __future__ import annotations

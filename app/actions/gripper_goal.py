@@ -14,14 +14,14 @@ from cobot.ros.messages import Message
 from cobot.strict import shown
 
 SAME_M = 1e-6
-"""Maximum difference between the positions of the two fingers at which they count as equal, m."""
+"""Two finger positions that differ by at most this are equal, m."""
 GRASP, RELEASE = 0.0, 1.0
-"""Positions that stand for grasp and release, for a gripper without a width."""
+"""Positions that mean grasp and release for a gripper without a width."""
 
 
 @dataclass(frozen=True, slots=True)
 class Grip:
-    """A gripper goal in the form that both actions share.
+    """A gripper goal, in a common form for both actions.
 
     Attributes:
         width: requested width, m.
@@ -34,7 +34,7 @@ class Grip:
     speed: float = 0.0
 
     def request(self, able: GripperCapabilities) -> GripperRequest:
-        """Make the gripper command. A limit above the gripper's own maximum is reduced to this maximum.
+        """Build the gripper command. A limit above the gripper's own maximum is reduced to it.
 
         Raises:
             RejectedGoalError: a value is not a number or out of range.
@@ -82,12 +82,12 @@ def _at_most(value: float, able: tuple[float, float] | None, name: str, unit: st
 
 @dataclass(frozen=True, slots=True)
 class Grasped:
-    """The fingers' state in relation to a goal.
+    """The state of the fingers, compared with a goal.
 
     Attributes:
         width, force: current width, m, and force, N. NaN if unknown.
-        stalled: whether the fingers press on something.
-        reached: whether the fingers are at the goal, as far as the gripper reports it.
+        stalled: whether an object has stopped the fingers.
+        reached: whether the fingers are at the goal. False if the gripper does not report its width.
     """
 
     width: float
@@ -140,8 +140,8 @@ class OneGap:
 
 
 class FingerJoints:
-    """Goals of control_msgs/action/ParallelGripperCommand, which contain joints that each slide by half of
-    the width.
+    """Goals of control_msgs/action/ParallelGripperCommand, which contain two joints. Each slides by half the
+    width.
     """
 
     type_ = "control_msgs/action/ParallelGripperCommand"
@@ -150,7 +150,7 @@ class FingerJoints:
     def read(goal: Message) -> Grip:
         """
         Raises:
-            RejectedGoalError: the joints do not belong to the gripper, or their values do not fit.
+            RejectedGoalError: the joints are not the gripper's, or their values do not match.
         """
         command = goal["command"]
         names, positions = command["name"] or list(FINGER_JOINTS[:1]), command["position"]

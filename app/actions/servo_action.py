@@ -1,8 +1,8 @@
 """The action /{robot}/servo_mode: a servo session that a client supervises.
 
 The client still sends points through /{robot}/joint_cmd or the servo services. The goal is rejected if the
-session cannot begin. Feedback is sent while the session lasts. The session ends by a cancel request, a
-servo_control stop, mode 0, a new session, the watchdog, a stop or an e-stop.
+session cannot begin. Feedback is sent until the session ends. A cancel request, a servo_control stop, mode 0,
+a new session, the watchdog, a stop or an e-stop ends the session.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from cobot.ipc.layout import ServoMode
 
 FEEDBACK_S = 0.05
 DEFINITION = """\
-# Hold a servo session open. Meanwhile, points are sent to joint_cmd.
+# Keep a servo session open; send its points to joint_cmd.
 int32 mode                # 1 to 7, see docs/servo.md
-float64 watchdog_timeout  # s, without a point for so long the session ends; 0: 0.5 s
+float64 watchdog_timeout  # s, the session ends after this time without a point; 0: 0.5 s
 float64 send_period       # s, how often points come; 0: the control period
 ---
-int32 code                # 0: cancelled or stopped as asked for; 1: ended by something else
+int32 code                # 0: ended by a cancel or stop request; 1: ended for another reason
 string message            # why it has ended
 int64 points_received
 int64 points_accepted
 int64 points_refused
-int64 points_taken        # that the arm was moved for
+int64 points_taken        # points that have moved the arm
 int64 underruns
 string refused            # a JSON object: how many points were refused, by reason
 ---
 int32 mode
 bool active
 string state              # opening, active, closing, idle
-int64 session_id          # the one that the session is locked to, 0 for none yet
+int64 session_id          # the session accepts points with this id only; 0: none yet
 int64 point_id            # of the last accepted point
 int64 points_received
 int64 points_accepted
@@ -95,7 +95,9 @@ class ServoModeAction:
         return self._result(handle, cancelled=cancelled, replaced=servo.session != number)
 
     def _result(self, handle: GoalHandle, *, cancelled: bool, replaced: bool) -> dict[str, Any]:
-        """Make the result. `replaced` is true if a client has meanwhile requested a new session or mode 0."""
+        """Build the result. `replaced` is true if a client has requested a new session or mode 0 in the
+        meantime.
+        """
         values = self._servo.feedback()
         as_asked = cancelled or replaced
         if cancelled:

@@ -1,8 +1,7 @@
-"""Answers that take milliseconds to compute. They are computed one at a time, with pauses for other requests.
+"""Computes answers that take milliseconds one at a time, with pauses in which other requests are served.
 
-The event loop also serves the clients that stop the arm, so nothing may occupy it for a long time.
-`app.listeners` limits the time for reading one connection. This module limits the time spent on short
-requests whose answers take long to compute.
+The event loop must stay free for clients that stop the arm. `app.listeners` limits the time spent on reading
+one connection; this module limits the time spent on short requests with answers that take long to compute.
 """
 
 from __future__ import annotations
@@ -38,11 +37,11 @@ class Costly:
             asyncio.get_running_loop().call_later(rest_s, self._one.release)
 
     async def start(self, rest_s: float) -> None:
-        """Wait for permission to begin work of unknown duration. The next costly work begins after a rest."""
+        """Wait until work of unknown duration may begin. Other costly work waits for `rest_s` or longer."""
         await self._one.acquire()
         asyncio.get_running_loop().call_later(rest_s, self._one.release)
 
 
 def costly_turn(request: Request) -> AbstractAsyncContextManager[None]:
-    """A turn in the application's queue of costly answers."""
+    """Return the context of a turn in the application's queue of costly answers."""
     return cast(Costly, request.app.state.costly).turn()

@@ -1,8 +1,8 @@
 """FastAPI dependencies that the routers use.
 
-Dependencies are `async`, because FastAPI runs plain functions in threads, which costs several times as much
-as the answer. `Call` is not a FastAPI dependency, because each dependency would add a tenth to the cost of
-`GET /robot/state`.
+Dependencies are `async`, because FastAPI runs plain functions in threads, which takes several times as long
+as the answer itself. `Call` is not a FastAPI dependency, because each dependency makes `GET /robot/state` 10
+% slower.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ The body may arrive later.
 """
 LARGE_BYTES = 65536
 MAX_BODY = 4096
-"""Maximum length of a body that is kept with its job, in characters of JSON."""
+"""Maximum length of a request body that is stored with its job, in characters of JSON."""
 JOB, JOB_ID = "cobot.job", "cobot.job_id"
-"""Keys in a request's scope: the job that it names, and the id of its new job."""
+"""Keys in a request's scope: the job that the request names, and the id of the job that it creates."""
 
 
 def robots_of(connection: HTTPConnection) -> dict[str, Services]:
@@ -74,7 +74,7 @@ def _with_job(robots: Iterable[Services], job: str) -> Services:
 
 
 def addressed(connection: HTTPConnection) -> dict[str, Services]:
-    """The robot that the path names, or all robots if it names none.
+    """Return the robot that the path names, or all robots if it names none.
 
     Raises:
         NotFoundError: there is no such robot; the error lists all names.
@@ -111,14 +111,14 @@ class Call:
 
     @property
     def token(self) -> str | None:
-        """The token of the sequence on whose behalf the arm moves, if any."""
+        """The token of the sequence that sent this request; None if another client sent it."""
         return self.request.headers.get(MOTION_TOKEN)
 
     def caller(self, gone: asyncio.Event, kind: JobKind, about: str | BaseModel, *, wait: bool) -> Caller:
         """The caller of a motion.
 
         Args:
-            gone: see `Gone`; a client that does not wait may disconnect.
+            gone: see `Gone`. A client that does not wait for the answer may disconnect.
             about: the request body, or a readable description of it.
         """
         name = self.name.replace("{robot}", self.request.path_params.get("robot", ""))
@@ -133,13 +133,13 @@ class Call:
 
 
 def kept_body(body: BaseModel) -> tuple[str, dict[str, Any] | None]:
-    """The body of a request as text, and as a job stores it; None if it is too long."""
+    """Return a request body as text and as a job stores it (None if it is too long)."""
     text = body.model_dump_json(exclude_unset=True, by_alias=True)
     return text, json.loads(text) if len(text) <= MAX_BODY else None
 
 
 async def watch_for_departure(request: Request) -> AsyncIterator[asyncio.Event]:
-    """An event that is set when the client disconnects, if `web.stop_on_disconnect` is true."""
+    """Yield an event that is set when the client disconnects, if `web.stop_on_disconnect` is true."""
     event = asyncio.Event()
 
     async def watch() -> None:
@@ -176,8 +176,8 @@ async def form_body(request: Request) -> None:
 
 
 def body_check(function: Callable[..., Any]) -> Callable[[Request], Awaitable[None]] | None:
-    """The check of an endpoint's request body, derived from the function's parameters; None if it takes no
-    body.
+    """Return the check of an endpoint's request body, derived from the function's parameters; None if it
+    takes no body.
     """
     for hint in get_type_hints(function, include_extras=True).values():
         if any(isinstance(each, Form) for each in getattr(hint, "__metadata__", ())):

@@ -12,30 +12,30 @@ from cobot.access.roles import Role
 from cobot.config import EndpointChange
 
 WEBSOCKET = "WS"
-"""First word of a WebSocket endpoint's name, in place of the HTTP method."""
+"""First word of a WebSocket endpoint's name, where other endpoints have the HTTP method."""
 _DECLARED = "declared_endpoint"
 """Name of the attribute that marks functions which serve an endpoint."""
 
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """An endpoint of the service, as it is declared.
+    """The declaration of an endpoint.
 
     Attributes:
         name: as in api_endpoints.yaml: "POST /stop", or "WS /events" for a WebSocket.
         role: the lowest role that may use it.
         timeout_s: the timeout for the answer.
-        control: whether it is rejected while another client has control, see `app.services.rights.lease`.
-            `CobotRoute` checks it before the body is read. Services check it again if they have other
-            transports too or wait before they act.
+        control: whether requests are rejected while another client has control, see
+            `app.services.rights.lease`. `CobotRoute` checks this before it reads the body. A service that has
+            other transports, or that waits before it acts, checks again.
         costly: whether making the answer takes milliseconds, see `app.api.costly`. An endpoint that is costly
-            only for some requests, or after a wait of its own, uses `costly_turn` itself.
+            only for some requests, or that first waits, calls `costly_turn` itself.
         keyed: whether it begins a job and accepts an `Idempotency-Key`, see `app.api.middleware.idempotency`.
         enabled: whether it is served.
 
     Raises:
-        ValueError: `control` or `costly` is set for a method where `CobotRoute` ignores it, or where it would
-            hold the turn while the body arrives.
+        ValueError: `CobotRoute` ignores `control` or `costly` for this method, or would keep other costly
+            requests waiting while the body arrives.
     """
 
     name: str
@@ -60,14 +60,14 @@ def declare(function: Callable[..., Any], endpoint: Endpoint) -> None:
 
 
 def declared(function: Callable[..., Any] | BaseRoute) -> Endpoint | None:
-    """The endpoint that a function, or a route's function, serves; None if it serves none."""
+    """Return the endpoint that a function or a route's function serves; None if it serves none."""
     found = getattr(getattr(function, "endpoint", function), _DECLARED, None)
     assert found is None or isinstance(found, Endpoint)
     return found
 
 
 def changed(endpoints: Mapping[str, Endpoint], changes: Mapping[str, EndpointChange]) -> dict[str, Endpoint]:
-    """The endpoints with the changes that the user has configured."""
+    """Return the endpoints with the user's configured changes."""
     result = dict(endpoints)
     for name, change in changes.items():
         timeout_s = change.timeout_s or result[name].timeout_s

@@ -32,7 +32,7 @@ from cobot.strict import sentence, shown
 
 log = logging.getLogger("cobot.service")
 MAX_GUESSED = 100
-"""Maximum length of an unknown path for which a similar path is suggested, in characters."""
+"""Maximum length of an unknown path, in characters. For longer ones no similar path is suggested."""
 
 STATUS: dict[type[CobotError], int] = {
     CobotError: 500,
@@ -55,7 +55,7 @@ STATUS: dict[type[CobotError], int] = {
     errors.SharedMemoryError: 503,
     errors.ConfigError: 503,
 }
-"""HTTP status by error class. The most specific class of an error decides."""
+"""HTTP status by error class. An error has the status of its most specific class."""
 
 
 HEADERS = {
@@ -65,11 +65,10 @@ HEADERS = {
 
 
 OF_HTTP = ("method_not_allowed", "http", "timeout", "interrupted")
-"""Codes without an error class: codes for errors of HTTP itself, and for a job that ended with the
-service.
-"""
+"""Codes without an error class: errors of HTTP itself, and jobs that ended because the service ended."""
 ErrorCode = Annotated[str, Field(json_schema_extra={"enum": sorted({*errors.BY_CODE, *OF_HTTP})})]
-"""An error code; the schema lists all. Clients must accept other codes too, which a newer service may send.
+"""An error code. The schema lists all codes. Clients must also accept unknown codes, because a newer service
+may send them.
 """
 PROBLEM = "application/problem+json"
 ERRORS_PAGE = f"{MANUAL}/conventions.html#errors"
@@ -119,7 +118,9 @@ def responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
 
 
 class ErrorResponse(JSONResponse):
-    """An error in the form that the client accepts: cobot's own, or the same with the members of RFC 9457."""
+    """An error answer in the form that the client accepts: cobot's own, or with additional members as in RFC
+    9457.
+    """
 
     def __init__(self, content: dict[str, Any], status: int, headers: Mapping[str, str] | None) -> None:
         super().__init__(content, status, headers)
@@ -181,8 +182,8 @@ def tell(request: Request, explain: Explain) -> None:
 
 
 def without_websocket(otherwise: ASGIApp) -> ASGIApp:
-    """The application that answers unknown paths. An unknown WebSocket gets a 404, like a request; Starlette
-    sends 403.
+    """The application that answers unknown paths. An unknown WebSocket gets a 404, as an unknown request
+    does; Starlette sends 403.
     """
 
     async def answer(scope: Scope, receive: Receive, send: Send) -> None:
@@ -265,7 +266,7 @@ async def _http_exception(request: Request, exc: Exception) -> JSONResponse:
     assert isinstance(exc, HTTPException)
     if isinstance(exc.__cause__, CobotError):
         return await _cobot_error(request, exc.__cause__)
-    if error := exhausted(exc.__cause__):  # raised by the disk on which an upload waits to be read
+    if error := exhausted(exc.__cause__):  # the disk for pending uploads has failed
         return await _answer_exhaustion(request, error)
     path = request.url.path
     match exc.status_code:

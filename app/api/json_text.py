@@ -17,7 +17,7 @@ def decoded(text: bytes | str, name: str) -> Any:
     """The decoded JSON. A key that occurs twice in one object is an error.
 
     Raises:
-        InputError: the text is not valid JSON. The error has `name`, the problem and its place.
+        InputError: the text is not valid JSON. The error states `name`, the problem and its position.
     """
     try:
         return json.loads(
@@ -55,9 +55,7 @@ def _as_int(digits: str) -> int:
 
 
 def _hint(error: json.JSONDecodeError) -> str:
-    """Guess the language in which the text is written, from the text at the position of the error; "" if
-    unknown.
-    """
+    """Suggest a correction, depending on the text at the position of the error; "" if there is none."""
     text, place = error.doc, error.doc[error.pos : error.pos + 5]
     if text[:1] == "'":
         return '; the single quotes around it are the shell\'s: in Windows write "{\\"joints\\": ...}"'

@@ -1,8 +1,8 @@
 """The metrics for Prometheus. Conventions: https://prometheus.io/docs/practices/naming.
 
-All values are read when Prometheus scrapes. The histograms and counters of the cycle come from shared memory,
-where rtloop counts them anyway, so the metrics do not slow the cycle down. Values that cannot be read are
-omitted, and `cobot_rtloop_up` is then 0.
+All values are read when Prometheus scrapes. The histograms and counters of the cycle are read from shared
+memory, where rtloop keeps them in any case. So the metrics do not slow the cycle down. Values that cannot be
+read are omitted, and `cobot_rtloop_up` is then 0.
 """
 
 from __future__ import annotations

@@ -22,12 +22,12 @@ POINT_BYTES = 12
 def solid_of(
     name: str, body: PutObject, touch: Sequence[str] = (), *, by_voxels: bool = False
 ) -> SceneObject:
-    """The solid of a request. For a large mesh or cloud this takes a second.
+    """Build the solid in a request. For a large mesh or cloud this takes a second.
 
     Args:
         name: name of the object, for messages.
-        by_voxels: a point cloud keeps its voxels, however many these are. Otherwise it must consist of few
-            boxes, as everything that the arm carries.
+        by_voxels: whether a point cloud keeps its voxels, of which there may be many. If false, it must
+            consist of few boxes, like everything that the arm carries.
 
     Raises:
         InputError, LimitError: the solid is invalid, or has too many parts.

@@ -1,4 +1,4 @@
-"""Reports a failed start as one sentence, without a traceback, if the user can correct its cause."""
+"""Reports a failed start in one sentence, without a traceback, if the user can correct the cause."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from cobot.errors import CobotError, exhausted
 
 @contextlib.asynccontextmanager
 async def saying_why(app: FastAPI) -> AsyncIterator[None]:
-    """Keep an expected error of the context for `StartFailure`. Programming errors pass unchanged."""
+    """Store an expected error that is raised in the context, for `StartFailure`. Programming errors pass
+    unchanged.
+    """
     app.state.start_failure = None
     try:
         yield

@@ -33,10 +33,10 @@ def state_content(state: np.ndarray) -> dict[str, Any]:
 
 
 def state_response(state: np.ndarray) -> Response:
-    """The answer to `GET /robot/state`. In the schema it is `StateAnswer`.
+    """The answer to `GET /robot/state`, which the schema describes as `StateAnswer`.
 
-    It is not validated at run time, because clients poll it and it is generated from a table. A test
-    validates it.
+    It is generated from a table and polled by clients, so it is not validated at run time. A test validates
+    it.
     """
     return Response(to_json(state_content(state), inf_nan_mode="null"), media_type="application/json")
 

@@ -25,7 +25,7 @@ from cobot.types import vector
 
 Numbers = Annotated[list[Finite], Field(max_length=64)]
 SomeNumbers = Annotated[list[Finite], Field(min_length=1, max_length=64)]
-"""Numbers of an optional field. `[]` means that the field is not set."""
+"""List of numbers for an optional field. `[]` means that the field is not set."""
 Sequence = Annotated[int, Field(ge=1, lt=2**63)]
 Frame = dict[str, Any]
 
@@ -256,7 +256,7 @@ def read_frame(content: Frame, stream: Stream) -> TextFrame:
     """Check a decoded frame.
 
     Args:
-        stream: kind of the session, which determines the keys of a target.
+        stream: the session's type, which determines the keys of a target.
 
     Raises:
         InputError: the frame is invalid. The error lists the valid values.

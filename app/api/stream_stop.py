@@ -13,13 +13,12 @@ from cobot import audit
 class StreamStop:
     """Stops all robots on behalf of one connection.
 
-    A stop request that arrives during another stop is carried out after it. So a client that floods its
-    connection keeps only one task busy, not thousands. A stop continues to its end even if the connection is
-    lost.
+    A request that arrives during a stop is carried out after it, so that a client that sends thousands of
+    requests keeps only one task busy. A stop is completed even if the connection is lost.
 
     Args:
         robots: the stop services of all robots, by name.
-        timeout_s: timeout of one stop.
+        timeout_s: timeout of each stop.
         reason: the reason that is reported to the clients whose motions end.
         answer: called with the number of the request and the result of its stop.
     """
@@ -36,10 +35,10 @@ class StreamStop:
         self._reason = reason
         self._answer = answer
         self._task: asyncio.Task[None] | None = None
-        self._wanted: int | None = None  # the number of the newest request
+        self._wanted: int | None = None  # number of the newest request; None while no stop is pending
 
     def begin(self, number: int) -> None:
-        """Begin a stop without waiting for it, because the next message may be an e-stop."""
+        """Begin a stop and return at once, because the next message may be an e-stop."""
         self._wanted = number
         if self._task is None or self._task.done():
             self._task = asyncio.create_task(self._stop())

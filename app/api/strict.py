@@ -1,5 +1,4 @@
-"""Strict statuses: if the client requests them, the answer to a motion that did not reach its goal has an
-HTTP error status.
+"""Strict statuses: on request, the answer to a motion that did not reach its goal has an HTTP error status.
 
 By default the answer to a motion that could not be planned or did not reach its goal has the status 200 and
 `success: false`. With `Prefer: status=strict` (RFC 7240) or `?strict=true` the same body is sent with the
@@ -55,7 +54,7 @@ PARAMETERS: list[dict[str, Any]] = [
 
 
 def reports_success(model: object) -> bool:
-    """Whether answers of this model can have `success: false`."""
+    """Whether answers of this type can have `success: false`."""
     if not (isinstance(model, type) and issubclass(model, BaseModel)):
         return False
     field = model.model_fields.get("success")
@@ -63,8 +62,8 @@ def reports_success(model: object) -> bool:
 
 
 def preference(headers: Iterable[str], name: str) -> str | None:
-    """The value of a preference in the `Prefer` headers of a request. If it occurs several times, the first
-    counts.
+    """Return the value of a preference in the `Prefer` headers of a request. If it occurs several times, the
+    first one is used.
     """
     for header in headers:
         for found in _PREFERENCE.finditer(header):

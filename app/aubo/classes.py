@@ -45,7 +45,7 @@ MODULES = (
 """Importing these modules registers all services."""
 
 for _service in tuple(REGISTRY.values()):
-    assert _service.role  # raises if it has no role, because no service may be called without one
+    assert _service.role  # raises an error if the service has no role
 
 CLASSES: dict[str, str] = {
     "Math": "Poses [x, y, z, rx, ry, rz] (m, rad, fixed-axis roll, pitch, yaw) and quaternions [w, x, y, z].",

@@ -33,9 +33,7 @@ EMPTY: dict[str, Any] = {"bool": False, "int32": 0, "int64": 0, "float64": 0.0, 
 MAX_INTEGER = {"int32": 2**31 - 1, "int64": 2**63 - 1}
 REQUIRED: Any = inspect.Parameter.empty
 MAX_ITEMS = 65_536
-"""Maximum number of items in a list. It is limited because the event loop checks each item, and motions wait
-meanwhile.
-"""
+"""Maximum number of items in a list. The event loop checks each item, which delays motions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +121,7 @@ def _scalar(kind: str, place: str, value: Any) -> Any:
 
 
 def _require_unicode(place: str, text: str) -> None:
-    """Reject text with unpaired surrogates. JSON can contain them, but no answer could."""
+    """Reject text with unpaired surrogates. JSON input can contain them, but answers cannot."""
     try:
         text.encode()
     except UnicodeEncodeError as exc:

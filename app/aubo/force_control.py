@@ -32,15 +32,15 @@ async def fc_enable(robot: Services) -> None:
     """Begin force control with the values from setTargetForce, setDynamicModel and fcSetSensorLimits.
 
     The arm holds its pose along the axes that are not force controlled. Force control is a streaming session,
-    so planned motions are rejected until fcDisable. A servo session of mode 6 or 7 that begins later takes
-    force control over. A stop ends it.
+    so planned motions are rejected until fcDisable. If a servo session of mode 6 or 7 begins later, it
+    continues the force control. A stop ends force control.
     """
     await robot.force.enable()
 
 
 @service(CLASS)
 async def fc_disable(robot: Services) -> None:
-    """End force control; answers when the arm rests."""
+    """End force control; answers when the arm is at rest."""
     await robot.force.disable()
 
 
@@ -49,7 +49,8 @@ def is_fc_enabled(robot: Services) -> bool:
     """Whether force control is on.
 
     Returns:
-        true while it is on; false also after a stop, a limit or a threshold has ended it.
+        true while force control is on; false after fcDisable, or after a stop, a limit or a threshold has
+            ended it.
     """
     return robot.force.settings.enabled
 
@@ -117,7 +118,7 @@ def set_dynamic_model(robot: Services, m: list[float], d: list[float], k: list[f
 
 @service(CLASS)
 def get_dynamic_model(robot: Services) -> Json:
-    """The values that setDynamicModel has set.
+    """The values set by setDynamicModel.
 
     Returns:
         {"m": zeros, "d": damping ratios, "k": N/m and N·m/rad}, 6 values each; k is null for the nominal one.
@@ -128,7 +129,7 @@ def get_dynamic_model(robot: Services) -> Json:
 
 @service(CLASS)
 def get_target_force(robot: Services) -> list[float]:
-    """The wrench that setTargetForce has set.
+    """The wrench set by setTargetForce.
 
     Returns:
         N and N·m, 6 values, in the force frame.
@@ -161,7 +162,7 @@ def fc_set_sensor_thresholds(robot: Services, thresholds: list[float]) -> None:
 
 @service(CLASS)
 def get_fc_sensor_thresholds(robot: Services) -> list[float]:
-    """The thresholds that fcSetSensorThresholds has set.
+    """The thresholds set by fcSetSensorThresholds.
 
     Returns:
         the thresholds, N and N·m, 6 values; 0 for none.
@@ -182,7 +183,7 @@ def fc_set_sensor_limits(robot: Services, limits: list[float]) -> None:
 
 @service(CLASS)
 def get_fc_sensor_limits(robot: Services) -> list[float]:
-    """The limits that fcSetSensorLimits has set.
+    """The limits set by fcSetSensorLimits.
 
     Returns:
         the limits, N and N·m, 6 values; 0 for none.

@@ -1,7 +1,7 @@
-"""Vendor services over HTTP. One route serves all services, while the documentation lists one path for each.
+"""Vendor services over HTTP. One route serves all services; the documentation lists a path for each of them.
 
-With two hundred routes, each request would be compared with every route in turn. The validation of requests,
-`registry.bind`, is the same for every transport.
+With two hundred routes, each request would be matched against every route in turn. All transports validate
+requests with `registry.bind`.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ default.
 
 class _VendorRoute(APIRoute):
     def matches(self, scope: Scope) -> tuple[Match, Scope]:
-        """Match only paths whose second part is a vendor service class."""
+        """Match only paths whose second segment is a vendor service class."""
         parts = plain_path(scope).split("/")
         return super().matches(scope) if len(parts) == 4 and parts[2] in CLASSES else (Match.NONE, {})
 
@@ -101,7 +101,7 @@ async def _content(request: Request) -> Any:
     await json_body(request)
     if len(body) <= LARGE_BYTES:
         return decoded(body, "the body")
-    async with request.app.state.large_body:  # not on the event loop, and one after the other
+    async with request.app.state.large_body:  # in a thread, and one body at a time
         return await asyncio.to_thread(decoded, body, "the body")
 
 
@@ -109,7 +109,7 @@ def schema(rest: dict[str, Any], robots: list[str]) -> dict[str, Any]:
     """The OpenAPI document of the services, grouped by class.
 
     Args:
-        rest: the document of the REST API, which gives the version, the errors and the access rules.
+        rest: the document of the REST API. The version, the errors and the access rules are copied from it.
         robots: the valid names.
     """
     robot = {

@@ -1,9 +1,9 @@
 """The ROS interfaces of the vendor services and actions: their definitions, and the package that a ROS user
 builds.
 
-`python -m app.aubo.interfaces FOLDER` writes the package below a folder, from the registry. With --small it
-has only the interfaces that the manual's client needs. Both packages have the same name, because it is part
-of the types.
+`python -m app.aubo.interfaces FOLDER` writes the package below a folder, from the registry. With --small, the
+package has only the interfaces that the manual's client needs. Both packages have the same name, because the
+name is part of the types.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ SMALL = frozenset(
     f"{PACKAGE}/srv/{name}"
     for name in ("GetDof", "GetExecId", "GetJointPositions", "InverseKinematics", "IsSteady", "MoveJoint")
 )
-"""Interfaces that the client in section 8.0 of the manual needs. They take some dozens of compile steps
-instead of 2,068.
+"""Interfaces that the client in section 8.0 of the manual needs. Building them takes a few dozen compile
+steps instead of 2,068.
 """
 
 LISTED = re.compile(r'^  "(.+)"$', re.MULTILINE)

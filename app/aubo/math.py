@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from app.robot_services import Services
 
 LENGTHS = (1e-9, 1e9)
-"""Minimum and maximum length of a quaternion that is normalized. Longer and shorter quaternions are
+"""Minimum and maximum length of a quaternion before normalization. Longer and shorter quaternions are
 rejected.
 """
 MAX_ALPHA = 1000.0

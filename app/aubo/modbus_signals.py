@@ -25,7 +25,7 @@ async def modbus_add_signal(
 ) -> None:
     """Define a named signal of a Modbus TCP device, and read it ten times a second from now on.
 
-    If the device does not answer, the connection is tried again: after 0.2 s, then at intervals of up to 5 s.
+    If the device does not answer, cobot connects again after 0.2 s, then at intervals of up to 5 s.
 
     Args:
         device_info: HOST, or HOST,PORT; the default port is 502. Serial Modbus (RTU) is not supported.

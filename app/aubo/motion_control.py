@@ -116,8 +116,8 @@ async def move_circle(
 
 @service("MotionControl")
 def get_exec_id(robot: Services) -> int:
-    """The number of the current move in the queue. It is reported for at least 0.2 s, even if the arm does
-    not have to move.
+    """The number of the current move in the queue. Each number is reported for at least 0.2 s, even if the
+    arm does not have to move.
 
     Returns:
         The number of the move, counted from 1. -1 if the queue is empty, also after a stop or a fault has
@@ -154,7 +154,7 @@ def get_duration(robot: Services, exec_id: int) -> float:
 
 @service("MotionControl")
 def get_last_error(robot: Services) -> str:
-    """The reason why the queue was last emptied.
+    """The reason why the queue was last cleared.
 
     Returns:
         The reason as a sentence; empty once another move is accepted.
@@ -295,8 +295,8 @@ def is_servo_mode_enabled(robot: Services) -> bool:
 
 @service("MotionControl")
 def get_servo_feedback(robot: Services) -> Json:
-    """State of the servo session, and the points that were rejected since it began; without a session, that
-    of the last one.
+    """State of the servo session, and the points that were rejected since it began. Without a session: the
+    same of the last one.
 
     Returns:
         JSON: an object, see docs/servo.md.
@@ -337,8 +337,8 @@ async def servo_cartesian(
     lookahead_time: float = 0.0,
     gain: float = 0.0,
 ) -> None:
-    """Send a point to the servo session as a pose. Inverse kinematics chooses the joint angles near the last
-    point. Answers when the point is accepted.
+    """Send a point to the servo session as a pose. Of the solutions of the inverse kinematics, the one
+    nearest to the last point is used. Answers when the point is accepted.
 
     Args:
         pose: [x, y, z, rx, ry, rz] in the base frame, m and rad.
@@ -374,8 +374,8 @@ async def _add(
 
 
 def _require_no_other_motion(robot: Services) -> None:
-    """Check that only the queue moves the arm. Otherwise a stop of the queue would have no effect on the
-    motion.
+    """Check that no other client is moving the arm, because stopping the queue does not stop other
+    motions.
     """
     owner = robot.ownership.owner if robot.queue.idle and robot.ownership.in_motion else None
     if owner is not None:

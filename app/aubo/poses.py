@@ -11,7 +11,7 @@ from cobot.types import Array, Pose
 from cobot.units import require_angle, require_way
 
 FARTHEST_M = 1e6
-"""Maximum coordinate, m. It is beyond the reach of any arm, and calculations with it do not overflow."""
+"""Maximum coordinate, m. No arm reaches this far, and calculations with this value do not overflow."""
 
 
 def pose_of(values: list[float], name: str = "pose") -> Pose:
@@ -30,7 +30,7 @@ def pose_of(values: list[float], name: str = "pose") -> Pose:
 
 
 def place_of(values: list[float], name: str = "pose", most_m: float = FARTHEST_M) -> Pose:
-    """The pose of a real object: like `pose_of`, but with tighter bounds for metres and radians.
+    """A pose from its six numbers, for a real object. The bounds are tighter than those of `pose_of`.
 
     Raises:
         InputError: see `pose_of`; or a coordinate is above `most_m`, or an angle above one and a half turns.

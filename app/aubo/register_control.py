@@ -67,7 +67,8 @@ def _add_variable(kind: str) -> None:
     Returns:
         its value.
     """
-    write.__doc__ = f"""Write a named variable, {kind}, whatever its previous type. Restarts its watchdog.
+    write.__doc__ = f"""Write a named variable, {kind}. It may have had a different type before. Restarts "
+                    f"its watchdog.
 
     Args:
         key: name of the variable.
@@ -138,7 +139,7 @@ def set_watch_dog(robot: Services, key: str, timeout: float, action: int) -> Non
     """Set a watchdog. It runs an action unless the named variable with this name is written again within the
     timeout.
 
-    It does not matter which value is written. After a watchdog has expired, the next write starts it again.
+    Any value restarts the timeout. The first write after a watchdog has expired starts it again.
 
     Args:
         key: name of the variable and of the watchdog.

@@ -1,4 +1,4 @@
-"""Vendor services. Each is a typed function that is registered once and served by every transport.
+"""Vendor services. Each is a typed function that is registered once and served over every transport.
 
 A class module registers its functions, and each transport calls them by class and method:
 
@@ -74,8 +74,8 @@ class VendorService:
 
     @property
     def type_name(self) -> str:
-        """The name of the .srv file: that of the method. If two classes have methods with this name but
-        different fields, the class comes before it.
+        """The name of the .srv file, which is the method's name. If two classes have methods with this name
+        but different fields, it is prefixed with the class.
         """
         return _type_names(len(REGISTRY))[self.robot_class, self.method]
 
@@ -86,13 +86,13 @@ class VendorService:
 
     @property
     def changes(self) -> bool:
-        """Whether the service may change something. Calls that do are written to the audit log."""
+        """Whether the service may change something. Calls of such services are written to the audit log."""
         reads = self.robot_class in CALCULATIONS or READS.match(self.method) is not None
         return not reads and self.method not in POINTS
 
     @property
     def signature(self) -> tuple[Any, ...]:
-        """The request and result fields. Services that share a .srv file have equal ones."""
+        """The request and result fields, which are equal for services that share a .srv file."""
         return tuple((field.name, field.ros_type) for field in (*self.parameters, self.result))
 
 
@@ -102,8 +102,9 @@ class CallOrigin:
 
     Attributes:
         name: displayed name, such as "POST /iiwa/MotionControl/moveJoint".
-        stops: `Ownership.stops` when the request came in. A later stop also ends the motion of this call.
-        token: the token of the sequence on whose behalf the arm moves, if any.
+        stops: `Ownership.stops` when the request came in. If this number has changed since, the call's motion
+            is stopped.
+        token: the token of the sequence that sent the call; None if another client sent it.
     """
 
     name: str
@@ -122,14 +123,12 @@ class VendorAnswer:
 
 CALCULATIONS = ("Math", "RobotAlgorithm")
 READS = re.compile(r"get|is[A-Z]|has|peek|(axisGroup|frame|modbus|serial|socket)(Get|Read|Convert)")
-"""`CALCULATIONS` lists the classes in which no method changes anything. `READS` matches the prefixes of other
-methods that change nothing.
+"""`CALCULATIONS` has the classes whose methods all change nothing. `READS` matches such methods of the other
+classes by their prefix.
 """
 TOO_LARGE = "the numbers are too large: the result is not finite"
 POINTS = ("servoJoint", "servoCartesian")
-"""Services that send points. The audit log contains an entry for their session instead of one for each
-point.
-"""
+"""Services that send points. The audit log has one entry for their session, not one for each point."""
 
 REGISTRY: dict[tuple[str, str], VendorService] = {}
 """All services by (class, method). Complete once `app.aubo.classes` is imported."""
@@ -164,7 +163,7 @@ async def call(
     """Call a service with the fields of a request. Never raises, except when cancelled.
 
     Args:
-        origin: origin of the call; None if the caller has no information about it.
+        origin: origin of the call; None if it is unknown.
     """
     found = REGISTRY.get((robot_class, method))
     if found is None:
@@ -230,7 +229,7 @@ def unknown_service(robot_class: str, method: str) -> str:
 
 
 def bind(found: VendorService, arguments: Any) -> dict[str, Any]:
-    """The function's arguments, checked and with defaults.
+    """Return the function's arguments, validated and completed with defaults.
 
     Raises:
         InputError: an argument is invalid. The error has the field, the problem and the valid values.
@@ -257,7 +256,7 @@ def _result(found: VendorService, value: Any) -> Any:
     """The result in the form of an answer.
 
     Raises:
-        InputError: JSON cannot express the result, because the arguments were too large.
+        InputError: the arguments are so large that the result is not finite.
     """
     kind = found.result.kind
     if kind == "json":

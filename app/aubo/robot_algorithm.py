@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 TIMEOUT_S = 20.0
 MIN_POSES = 3
 ALIKE = 1e-3
-"""Minimum of the smallest singular value. If it is smaller, the orientations of the poses are too similar to
+"""Lower bound of the smallest singular value. Below it, the orientations of the poses are too similar to
 determine the tool's tip.
 """
 

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from app.robot_services import Services
 
 SAME = 1e-3
-"""Maximum difference between two gravity vectors that count as equal, m/s²."""
+"""Two gravity vectors that differ by at most this are equal, m/s²."""
 MIN_VALUE = 1e-3
-"""Minimum value of a limit that can be set, and minimum distance between two position limits. With smaller
+"""Minimum value of a limit, and minimum distance between the two position limits of a joint. With smaller
 values the arm could not move.
 """
 

@@ -52,7 +52,7 @@ async def lock_robot_brake(robot: Services) -> None:
 
 @service(CLASS)
 async def set_unlock_protective_stop(robot: Services) -> None:
-    """Leave an e-stop, a protective stop or a fault, once its cause is gone. Nothing moves."""
+    """Leave an e-stop, a protective stop or a fault once its cause has been removed. Nothing moves."""
     await robot.stopping.reset(RESET_TIMEOUT_S)
 
 
@@ -71,7 +71,7 @@ def backdrive(robot: Services, enable: bool) -> None:
 
 @service(CLASS)
 def freedrive(robot: Services, enable: bool) -> None:
-    """Not supported as a state of its own: a joint torque stream of zeros lets the arm be moved by hand.
+    """Not supported here. To move the arm by hand, stream joint torques of 0.
 
     Args:
         enable: whether to let the arm be moved by hand.

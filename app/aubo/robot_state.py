@@ -187,7 +187,7 @@ async def get_safety_mode_type(robot: Services) -> str:
     """Whether a fault or an e-stop is latched. This is not a safety system.
 
     Returns:
-        Normal, Fault, or RobotEmergencyStop.
+        Normal, Fault or RobotEmergencyStop.
     """
     mode = (await robot.link.await_fresh_state(STATE_TIMEOUT_S)).mode
     return {LoopMode.FAULT: "Fault", LoopMode.ESTOP: "RobotEmergencyStop"}.get(mode, "Normal")

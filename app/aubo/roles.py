@@ -59,7 +59,9 @@ ROLES: dict[str, tuple[tuple[Role, tuple[str, ...]], ...]] = {
         (Role.PROGRAMMER, ("setOperationalMode", "setSim")),
     ),
 }
-"""For each class, roles with patterns for method names. The first pattern that matches decides."""
+"""For each class, roles with patterns of method names. A method has the role of the first pattern that
+matches.
+"""
 CONTROLLED: dict[str, tuple[str, ...]] = {
     "RobotConfig": ("set*", "resetLimits"),
     "IoControl": ("set*Output*",),
@@ -69,7 +71,7 @@ CONTROLLED: dict[str, tuple[str, ...]] = {
     "SyncMove": ("frame[ADM]*", "axisGroup[AD]*"),
 }
 """Services that do not move the arm, but affect other clients' motions or a held object. While a client has
-control, only this client may call them. Services that move the arm check control themselves. Registers need
+control, only that client may call them. Services that move the arm check control themselves. Registers need
 no control, because programs share them with monitoring clients.
 """
 

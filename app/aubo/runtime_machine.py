@@ -14,7 +14,7 @@ CLASS = "RuntimeMachine"
 
 @service(CLASS)
 async def load_program(robot: Services, program: str) -> None:
-    """Check a program, and make it the one that runProgram runs.
+    """Check a program and load it, so that runProgram runs it.
 
     Args:
         program: name of the file in the folder sequences.programs of the settings; ends in .json (a sequence)
@@ -75,7 +75,7 @@ def get_runtime_state(robot: Services) -> str:
 
 @service(CLASS)
 def get_status(robot: Services) -> str:
-    """The state of the program, as getRuntimeState.
+    """The state of the program, as in getRuntimeState.
 
     Returns:
         Running, Pausing, Paused, Stopping or Stopped.

@@ -34,8 +34,8 @@ def make_field(
 
 
 def find_kind(where: str, name: str, annotation: Any, function: Function) -> str:
-    """The kind of an annotation. Only this annotation is evaluated, so that `Services` is not imported at run
-    time.
+    """Return the kind that an annotation denotes. Other annotations are not evaluated, so `Services` is not
+    imported at run time.
     """
     if isinstance(annotation, str):
         annotation = eval(annotation, function.__globals__)
@@ -47,8 +47,8 @@ def find_kind(where: str, name: str, annotation: Any, function: Function) -> str
 
 
 def parse_docstring(where: str, function: Function) -> tuple[str, dict[str, str], str]:
-    """Split a docstring into the summary with its further sentences, and the descriptions of the arguments
-    and the result.
+    """Split a docstring into its introductory sentences, the descriptions of the arguments, and that of the
+    result.
     """
     text = inspect.getdoc(function)
     if not text:

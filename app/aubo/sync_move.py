@@ -35,7 +35,7 @@ async def sync_move_segment(
     """Add this robot's part of a segment. The last robot's part starts the segment.
 
     All robots begin together and take as long as the slowest. If one stops, all stop. The call that starts a
-    segment waits for the end of the segment before it.
+    segment waits until the previous segment has ended.
 
     Args:
         segment: number of the segment, the same for all robots.

@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 
 EVENTS = "/events"
 LATE_S = 0.1
-"""Age above which a measured state is late, s. A late state is reported as not measured in this cycle.
-"""
+"""Maximum age of a measured state, s. An older one is reported as not measured in this cycle."""
 
 
 @lru_cache(maxsize=64)
@@ -96,12 +95,12 @@ class RobotChannels:
         return self._wall_time.at(now_ns), self._messages.event(made, self._wall_time.ahead_ns())
 
     def _interventions(self, state: RobotState) -> int:
-        """Return one bit for each kind of intervention that was counted since the last message."""
+        """Return a bit mask with one bit for each kind of intervention since the last message."""
         counts = np.array(state.record["interventions"])
         before, self._caught = self._caught, counts
         return 0 if before is None else bit_mask(np.flatnonzero(counts != before))
 
 
 def bit_mask(places: Iterable[int]) -> int:
-    """Return the number in which exactly these bits are set."""
+    """Return the number whose bits at these places are set, and no others."""
     return sum(1 << int(place) for place in places)

@@ -35,7 +35,7 @@ SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 MAX_CLIENTS = 16
 MAX_MESSAGE = 65536
 MAX_SUBSCRIPTIONS = 64
-"""Maximum number of subscriptions per client. Each is sent separately, a hundred times a second."""
+"""Maximum number of subscriptions per client. Each causes a separate message a hundred times a second."""
 MESSAGE_DATA = struct.Struct("<BIQ")
 """Header of a message: its kind (1), the id of its subscription, and its time, ns since 1970."""
 ERROR = 2
@@ -54,7 +54,7 @@ class RateQuery(StrictModel):
 
 @dataclass(frozen=True, slots=True)
 class _Tick:
-    """Placeholder for a state in the queue of events. The state is read when it can be sent."""
+    """Placeholder for a state in the queue of events. The state is read just before it is sent."""
 
     robot: str
 

@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 MAX_RUNNING = 16
 MAX_KEPT = 64
 KEPT_S = 900.0
-"""Time for which the newest `MAX_KEPT` results are kept for clients that ask late, s."""
+"""How long the newest `MAX_KEPT` results are kept for clients that request them late, s."""
 
 ASKER: ContextVar[object] = ContextVar("asker", default=None)
-"""The client on whose behalf the current task sends goals. `ActionServer.abandon` ends these goals when the
-client disconnects.
+"""The client for which the current task sends goals. `ActionServer.abandon` ends these goals when the client
+disconnects.
 """
 
 ENDS = "the service is shutting down"
@@ -141,7 +141,7 @@ class ActionServer:
         return goal
 
     def cancel(self, goal_id: uuid.UUID) -> CancelCode:
-        """Request to cancel a goal. The goal ends when the action ends it."""
+        """Ask the action to cancel a goal. It ends the goal later."""
         goal = self._goals.get(goal_id)
         if goal is None:
             return CancelCode.UNKNOWN_GOAL_ID
@@ -171,7 +171,7 @@ class ActionServer:
         self._publish_status()
 
     def explain(self, what: str, error: CobotError) -> None:
-        """Report what happened to a goal and why, in the log and on /rosout."""
+        """Report in the log and on /rosout what happened to a goal and why."""
         text = f"a goal of {self.action.name} {what}: {error}"
         log.warning("%s", text)
         self._graph.warn(text)
@@ -235,7 +235,7 @@ class ActionServer:
         if goal.accepted.done():
             return False
         goal.accepted.set_exception(reason)
-        goal.accepted.exception()  # retrieved, because perhaps no client waits for it any longer
+        goal.accepted.exception()  # without this, asyncio would complain if no client waits for the result
         del self._goals[goal.id]
         return True
 

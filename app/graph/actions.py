@@ -1,4 +1,4 @@
-"""The interface of an action that is offered on the graph. `app.graph.action_server` does everything else."""
+"""The interface that an action on the graph implements. `app.graph.action_server` does the rest."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class GraphAction(Protocol):
         """Execute a goal and return its result.
 
         Implementations call `handle.accept()` once the goal is known to be executable. Before returning, they
-        set `handle.status` to SUCCEEDED, CANCELED or ABORTED. They return soon after
+        set `handle.status` to SUCCEEDED, CANCELED or ABORTED. They must return soon after
         `handle.cancel_requested` is set. If a CobotError is raised before `accept`, the goal is rejected with
         the error text; after `accept`, the goal is aborted.
 
@@ -86,7 +86,7 @@ class GoalHandle:
         self._server.accept(self._goal)
 
     def explain(self, error: CobotError) -> None:
-        """Report why the goal fails, for action types whose result has no field for a reason."""
+        """Report why the goal failed, for action types whose result has no field for it."""
         self._server.explain("fails", error)
 
     def feedback(self, values: Message) -> None:

@@ -13,7 +13,7 @@ log = logging.getLogger("cobot.graph")
 
 
 class Keeper(Protocol):
-    """The methods of `Topics` that publishers and subscriptions call."""
+    """Interface of `Topics` for its publishers and subscriptions."""
 
     messages: Messages
     gateways: set[object]
@@ -23,12 +23,12 @@ class Keeper(Protocol):
 
 
 class Publisher:
-    """The right of an owner to publish on a topic. `Graph.advertise` makes it.
+    """The right of an owner to publish on a topic. Created by `Graph.advertise`.
 
     Attributes:
         binding: whether the publisher's type applies to all clients while the advertisement lasts.
         latch: whether later subscribers get the last message, `last`.
-        on_demand: function that is called with the number of subscribers when this number has changed.
+        on_demand: function that is called with the number of subscribers when it changes.
     """
 
     def __init__(
@@ -72,12 +72,13 @@ class Publisher:
 
     def close(self) -> None:
         """End the advertisement of the topic. Further calls do nothing."""
-        self.last = None  # It may be large, and this publisher may wait for garbage collection.
+        # The message may be large, and this object may live until the next garbage collection.
+        self.last = None
         self._topics.drop(self._topic, self)
 
 
 class Subscription:
-    """A client's subscription to a topic. `Graph.subscribe` makes it.
+    """A client's subscription to a topic. Created by `Graph.subscribe`.
 
     Attributes:
         type: message type that the subscription accepts; None for all types.
@@ -119,10 +120,10 @@ class Subscription:
 
 @dataclass(slots=True, eq=False)
 class Topic:
-    """A topic, as long as it has a publisher or a subscriber.
+    """A topic that has a publisher or a subscriber.
 
     Attributes:
-        declared: the only type that publishers may use here, fixed by the service itself.
+        declared: the only type that publishers may use here, as the service itself declared it.
         local: whether the DDS process publishes this topic itself.
         owner: the only owner that may publish here; None if all may.
     """

@@ -50,7 +50,7 @@ class Graph(Topics):
         actions: the actions by name.
         clock: clock of the service.
         services: the services by name.
-        warn: function that reports a warning to people, if the ROS message has no field for it.
+        warn: function that shows a warning to users, for cases in which the ROS message has no field for it.
     """
 
     def __init__(self, messages: Messages, clock: Clock = SYSTEM) -> None:
@@ -117,7 +117,7 @@ class Graph(Topics):
         Raises:
             NotFoundError: there is no such service.
             InputError: the request is invalid.
-            CobotError: the service raised this error.
+            CobotError: any error that the service raises.
         """
         service = self.service(name)
         request = self.messages.checked(f"{service.type}_Request", arguments)
@@ -212,7 +212,7 @@ class Graph(Topics):
         }
 
     def note_change(self) -> None:
-        """Handle a change of the graph. Subscribers of its description are notified soon."""
+        """Record a change of the graph. Its new description is published after `GRAPH_DELAY_S`."""
         if self._changing is None:
             self._changing = self._loop.call_later(GRAPH_DELAY_S, self._publish_graph)
 

@@ -1,7 +1,7 @@
 """Topics by name, with their types, publishers and subscribers.
 
-A message is a ROS message as a dict. It is completed and validated when it is published, and subscribers must
-not change it. It is delivered by a function call. A slow subscriber keeps its own queue, so that publishers
+A message is a ROS message as a dict. It is completed and validated when it is published, and delivered by
+function calls. Subscribers must not change it. A slow subscriber must have its own queue, because publishers
 never wait.
 """
 
@@ -23,9 +23,8 @@ MAX_NAME = 255
 class Topics:
     """All topics, by name.
 
-    The first advertisement of a topic determines its type until the last advertisement ends. A subscription
-    does not determine the type for others. Neither does a gateway, because it only mirrors the subscriptions
-    of others.
+    The first advertisement of a topic determines its type until the last advertisement ends. Subscriptions do
+    not determine the type. Neither do gateways, which only mirror the subscriptions of others.
 
     Attributes:
         messages: the known message types.
@@ -58,7 +57,7 @@ class Topics:
             latch: whether later subscribers get the last message.
             owner: the client or part of the service that publishes.
             local: whether the DDS process publishes this topic itself and must not mirror it.
-            alone: whether the topic is reserved for this owner from now on.
+            alone: whether to reserve the topic for this owner.
             inferred: whether the type was taken from a subscription, because the client gave none.
             on_demand: function that is called with the number of subscribers, now and whenever it changes.
 
@@ -96,7 +95,7 @@ class Topics:
         declares: bool = False,
         on_other_type: Callable[[str], None] | None = None,
     ) -> Subscription:
-        """Subscribe to a topic. The first messages are the last ones of all latched publishers.
+        """Subscribe to a topic. The callback first gets the last message of each latched publisher.
 
         Args:
             type_: message type; None for all types that are published.
@@ -153,13 +152,13 @@ class Topics:
         return (0, 0) if entry is None else (len(entry.publishers), len(entry.subscriptions))
 
     def note_change(self) -> None:
-        """React to a topic, a publisher or a subscription that was added or removed."""
+        """Called when a topic, a publisher or a subscription has been added or removed."""
 
     def graph_of_topics(self) -> list[dict[str, Any]]:
         """List the topics that another network may mirror. Topics that it owns or already has are left out.
 
-        A topic without an advertiser is listed once with each type that is subscribed, so that no
-        subscription fixes the type for the others.
+        A topic without an advertiser is listed once for each subscribed type, so that no subscription
+        determines the type for the others.
         """
         made = []
         for topic in self._topics.values():
@@ -184,7 +183,7 @@ class Topics:
         return sum(end.owner not in self.gateways for end in ends)
 
     def _topic(self, name: str, type_: str | None) -> tuple[Topic, str | None]:
-        """Return a topic, which is created if necessary, and the full name of the requested type."""
+        """Return a topic, which is created if it does not exist, and the full name of the requested type."""
         name = absolute(name)
         entry = self._topics.get(name)
         if type_ is not None:

@@ -28,8 +28,8 @@ HANDSHAKES_AT_ONCE = 4
 takes about a millisecond.
 """
 GRACE_S = 0.02
-"""Time limit for a new connection to send its request when few places are free, s. It also determines how
-quickly connections are accepted. Other connections wait in the kernel's queue.
+"""Time for a new connection to send its request when few places are free, s. It also limits the rate at which
+connections are accepted; the others wait in the kernel's queue.
 """
 SPARE_DESCRIPTORS = 64
 """Number of file descriptors that stay free for files, planning processes and sequences that are opened
@@ -40,8 +40,8 @@ EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 PAUSE_S = 0.05
 """Time until the next attempt to accept if the system has no resources for another connection, s."""
 LOOK_S, LOOK_AGAIN_S = 0.5, 0.02
-"""Interval between checks of deadlines, s, and the interval after a check that found too many expired
-connections at once, s.
+"""Interval between checks of deadlines, s, and the shorter interval if a check has left expired connections
+open.
 """
 UNREAD_S = 10.0
 """Time after which a connection whose client reads nothing is closed, s."""
@@ -74,7 +74,7 @@ def crowd_for(limits: ConnectionLimits) -> Crowd:
 
 
 class Acceptor:
-    """A listening socket. Each of its connections gets a place in a crowd."""
+    """A listening socket. Each accepted connection gets a place in a `Crowd`."""
 
     def __init__(
         self,
@@ -108,7 +108,9 @@ class Acceptor:
             self._pausing.cancel()
 
     async def wait_closed(self) -> None:
-        """Do nothing. This method is part of asyncio's server interface, but connections end on their own."""
+        """Return at once. asyncio's server interface requires this method, but connections end on their
+        own.
+        """
 
     def _look(self) -> None:
         more = self._crowd.expire(self._loop.time())
@@ -136,8 +138,8 @@ class Acceptor:
         task: asyncio.Task[None]
 
         def close() -> None:
-            """Close a new connection before it is passed to the protocol. With TLS no answer is possible
-            without a handshake.
+            """Close a new connection that has no protocol yet, without an answer if it uses TLS, because
+            there was no handshake.
             """
             if not self._tls:
                 turn_away(connection)
@@ -154,7 +156,7 @@ class Acceptor:
 
         def end_greeting(done: asyncio.Task[None]) -> None:
             self._greeting.discard(done)
-            if done.cancelled():  # perhaps before the greeting began
+            if done.cancelled():  # cancelled, possibly before `_connect` has begun
                 self._crowd.leave(visit)
                 connection.close()
 
@@ -206,8 +208,8 @@ class Acceptor:
         return admitted
 
     def _pause(self, duration_s: float) -> None:
-        """Accept no connections for a moment, because the socket would stay readable while a client is
-        waiting.
+        """Stop accepting connections for a time. Otherwise the waiting clients would keep the socket
+        readable, and the event loop busy.
         """
         self._loop.remove_reader(self._listener)
         self._pausing = self._loop.call_later(duration_s, self._loop.add_reader, self._listener, self._accept)

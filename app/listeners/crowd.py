@@ -19,27 +19,23 @@ from enum import Enum, auto
 
 
 class Doing(Enum):
-    """The activity of a connection. In the first four states the connection can be closed without harm to
-    others.
-    """
+    """The activity of a connection. In the first four states it can be evicted."""
 
-    ASKING = auto()  # its request, or the beginning of one, is being sent
+    ASKING = auto()  # the client is sending the header of a request, or has sent nothing yet
     IDLE = auto()  # between two requests
     SENDING = auto()  # the body of its request is being sent
-    WAITING = auto()  # its request waits for its turn and may use the reserve: a stop, /health
+    WAITING = auto()  # a /stop or /health, which may use the reserve, is waiting for its turn
     SERVED = auto()  # a request is being answered
     STREAMING = auto()  # a WebSocket
 
 
 CLOSABLE = (Doing.ASKING, Doing.IDLE, Doing.SENDING, Doing.WAITING)
 SETTLED_S = 0.25
-"""Time limit for a new connection to send its request, s. After that it is evicted before connections that
-have sent one.
+"""Time for a new connection to send its request, s. After that it is evicted before connections that have
+sent one.
 """
 TURN_S = 2.0
-"""Maximum time for which a waiting /stop or /health is protected, s. After that it is evicted before new
-connections.
-"""
+"""How long a waiting /stop or /health is protected, s. After that it is evicted before new connections."""
 
 EXPIRING = 4
 """Maximum number of expired connections that are closed at once."""
@@ -47,7 +43,7 @@ EXPIRING = 4
 
 @dataclass(slots=True, eq=False)
 class Visit:
-    """The visit of a client: a connection from its acceptance to its end.
+    """A connection, from acceptance to its end.
 
     Attributes:
         reserved: whether it has a reserve place.
@@ -78,8 +74,8 @@ class _Address:
         return sum(map(len, self.visits.values()))
 
     def connection_to_evict(self, now_s: float) -> Visit | None:
-        """Choose the connection to evict. A new or waiting connection is chosen only if there is no other
-        one.
+        """Choose the connection to evict. New connections and waiting ones are chosen only if there are no
+        others.
         """
         oldest = [next(iter(self.visits[doing])) for doing in CLOSABLE if self.visits[doing]]
         settled = (visit for visit in oldest if now_s - visit.since_s >= _settled_s(visit))
@@ -128,8 +124,8 @@ class Crowd:
         return oldest is not None and now_s - oldest.since_s < grace_s
 
     def enter(self, address: str, close: Callable[[], object], now_s: float = 0.0) -> Visit | None:
-        """Give a new connection a place, perhaps that of an evicted connection. Returns None if every place
-        stays taken.
+        """Give a new connection a place, if necessary by evicting another one. Returns None if all places
+        remain taken.
         """
         own = self._addresses.get(address)
         room = True
@@ -164,12 +160,12 @@ class Crowd:
     def expire(self, now_s: float) -> bool:
         """Close some connections that have not progressed by their deadline. Returns whether there are more.
 
-        Only some are closed, because the connections of a flood arrive together and would expire together,
-        and closing 300 takes 70 ms.
+        Closing 300 connections takes 70 ms, and the connections of a flood expire together, so only some are
+        closed at once.
         """
         overdue = [each for each in self if each.deadline_s < now_s]
         for visit in overdue[:EXPIRING]:
-            visit.deadline_s = math.inf  # unless it receives a new request now
+            visit.deadline_s = math.inf  # until its next request
             visit.expire()
         return len(overdue) > EXPIRING
 

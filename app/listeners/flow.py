@@ -1,6 +1,4 @@
-"""Flow control for one connection: decides when the connection continues to read, and when the application
-may write more.
-"""
+"""Flow control for one connection: determines when it reads, and when the application may write."""
 
 from __future__ import annotations
 
@@ -12,8 +10,8 @@ from uvicorn.protocols.http.flow_control import FlowControl
 
 
 class Flow(FlowControl):
-    """Flow control for a connection. The connection continues to read when the application wants more data,
-    unless received data still waits for its turn.
+    """Flow control for a connection. The connection resumes reading when the application wants more data and
+    all received data has been processed.
     """
 
     def __init__(self, transport: Transport, process_held: Callable[[], None]) -> None:

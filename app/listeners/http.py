@@ -1,8 +1,7 @@
-"""HTTP connections with limited work: limits for the header, the body and the time, and turns between
-connections.
+"""HTTP connections with limits for header size, body size and time, which take turns to use the event loop.
 
-Received data is passed to the parser in slices, one in each turn. So even the costliest data delays other
-connections by at most one slice. A request that is rejected here gets an answer in the form of
+Received data is passed to the parser in slices, one in each turn. So one connection delays the others by at
+most one slice, however costly its data is. A request that is rejected here gets an answer in the form of
 `app.api.errors`, and the connection is closed.
 """
 
@@ -42,7 +41,7 @@ STOP = re.compile(rb"POST " + ROBOT + rb"/stop[ ?]")
 HEALTH = re.compile(rb"GET " + ROBOT + rb"/health(?:/\w+)?[ ?]")
 """Pattern of a health request. Health and stop requests are also answered on a reserve place."""
 EVENTS = re.compile(ROBOT + rb"/events(?:[?]|$)")
-"""Pattern of requests whose answers are endless."""
+"""Pattern of requests with endless answers."""
 ABSOLUTE = re.compile(rb"[a-z][a-z0-9+.-]*://([^/?#]*)(.*)", re.IGNORECASE | re.DOTALL)
 """Pattern of an absolute request target. Group 1 is the host, group 2 the rest."""
 
@@ -61,7 +60,7 @@ def _nothing() -> None:
 
 
 class _Refused(Exception):
-    """Raised to stop the parser, because the response has already been sent."""
+    """Raised to stop the parser once an error response has been sent."""
 
 
 class HttpProtocol(HttpToolsProtocol):
@@ -72,15 +71,17 @@ class HttpProtocol(HttpToolsProtocol):
         self._crowd, self._turns, self._limits = shared.crowd, shared.turns, shared.limits
         self._visit = visit
         self._answering: RequestResponseCycle | None = None  # uvicorn stores only the newest request
-        self._start: Callable[[], object] = _nothing  # begins the answer once the body has arrived
-        self._unread = bytearray()  # waits for a turn
+        # function that starts the application once the body has arrived
+        self._start: Callable[[], object] = _nothing
+        self._unread = bytearray()  # received data that waits for a turn
         self._waits = False
-        # Bytes since the last progress. An endless header, trailer or chunk extension makes no progress.
+        # Number of bytes since the last progress. An endless header, trailer or chunk extension is no
+        # progress.
         self._silent = 0
         self._header_bytes = self._body_bytes = 0
         self._in_header, self._in_body, self._answered = True, False, False
         self._ends = False
-        self._begun_s = 0.0  # time at which the body was due to begin
+        self._begun_s = 0.0  # time at which the wait for the body began
 
     def connection_made(self, transport: BaseTransport) -> None:
         transport = cast(Transport, transport)
@@ -98,8 +99,8 @@ class HttpProtocol(HttpToolsProtocol):
             self._answering.message_event.set()
         self._unread.clear()
         self._crowd.leave(self._visit)
-        # No circle of references may keep this object until the garbage collector runs. It may hold a large
-        # header, and the circles of a flood take the collector a tenth of a second.
+        # Break all reference cycles, so that this object is freed at once. It may hold a large header, and
+        # collecting the cycles of a flood takes a tenth of a second.
         self.flow.process_held = self._visit.close = self._visit.expire = self._start = _nothing
         self.cycle = self._answering = None  # type: ignore[assignment]
         self.pipeline.clear()
@@ -109,7 +110,7 @@ class HttpProtocol(HttpToolsProtocol):
         if not (self._in_header or self._in_body):
             self._in_header = True
             self._note()
-        # In the middle of a request, the same bytes have no meaning.
+        # In the middle of a request, the same bytes are only data.
         first = self._in_header and not self._silent and not self._unread
         stop = first and STOP.match(data)
         if first and not self._has_place(data):
@@ -123,9 +124,11 @@ class HttpProtocol(HttpToolsProtocol):
             self._feed(data)
 
     def _has_place(self, data: bytes) -> bool:
-        """Whether a request may stay. On a reserve place most requests may not; this check needs no turn.
+        """Whether a request may continue on this connection's place. On a reserve place, only a stop and
+        /health may. The check needs no turn.
 
-        A waiting /stop or /health keeps its place for longer than a connection without a request.
+        A waiting /stop or /health is also recorded, because it is evicted later than a connection without a
+        request.
         """
         if STOP.match(data) or HEALTH.match(data):
             self._crowd.note_progress(
@@ -200,7 +203,7 @@ class HttpProtocol(HttpToolsProtocol):
             StreamProtocol, crowd=self._crowd, turns=self._turns, visit=self._visit
         )
         super().handle_websocket_upgrade()
-        # This object has finished, and no circle of references may keep it alive: see connection_lost.
+        # This object is no longer needed. A reference cycle would keep it alive, see connection_lost.
         self.parser = None  # type: ignore[assignment]
         self.flow.process_held = _nothing
 
@@ -236,7 +239,7 @@ class HttpProtocol(HttpToolsProtocol):
         self._note()
 
     def _require_chunked(self) -> None:
-        """Check that the Transfer-Encoding is `chunked`, the only supported one. With any other, the encoded
+        """Check that the Transfer-Encoding is `chunked`, the only supported one. With others, the encoded
         data would be mistaken for the content.
 
         RFC 9112, 6.1. The parser itself rejects Transfer-Encoding together with Content-Length, and `chunked`
@@ -278,7 +281,7 @@ class HttpProtocol(HttpToolsProtocol):
 
     def on_body(self, body: bytes) -> None:
         super().on_body(body)
-        if self.flow.read_paused:  # the body is large, so the application has to read it first
+        if self.flow.read_paused:  # the application must first read some of the large body
             self._begin()
         self._silent = 0
         self._body_bytes += len(body)
@@ -292,7 +295,7 @@ class HttpProtocol(HttpToolsProtocol):
 
     def on_response_complete(self) -> None:
         super().on_response_complete()
-        if self._in_body:  # the rest of the body is discarded for a while
+        if self._in_body:  # discard the rest of the body for a while
             self._answered = True
             self._begun_s, self._body_bytes = self.loop.time(), 0
         if self._unread and not self.pipeline:
@@ -360,7 +363,7 @@ class HttpProtocol(HttpToolsProtocol):
                 self._visit, Doing.ASKING, self.loop.time() + self._limits.header_timeout_s
             )
         else:
-            self._crowd.note_progress(self._visit, Doing.IDLE)  # uvicorn uses a timer for this
+            self._crowd.note_progress(self._visit, Doing.IDLE)  # uvicorn's version starts a timer
 
     def _expire(self) -> None:
         limits = self._limits

@@ -1,4 +1,4 @@
-"""Responses that are sent before a connection is closed, in such a way that the client can read them."""
+"""Responses that are sent before a connection is closed, so that the client can still read them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from uvicorn.protocols.http.httptools_impl import STATUS_LINE
 from cobot.errors import BusyError, HeaderError
 
 RECEIVE_BYTES = 65536
-"""Maximum number of received bytes that are read before closing. The kernel holds at most this many."""
+"""Maximum number of received bytes that are read before closing. The kernel's buffer holds at most this
+many.
+"""
 
 
 def refusal(status: int, detail: str, code: str) -> bytes:
@@ -35,6 +37,6 @@ def turn_away(connection: socket.socket, answer: bytes = CROWDED) -> None:
 
     If data is unread when the connection is closed, the kernel sends a reset and the client loses the answer.
     """
-    with contextlib.suppress(OSError):  # nothing has arrived, or the client has disconnected
+    with contextlib.suppress(OSError):  # no data, or the client has disconnected
         connection.send(answer, socket.MSG_DONTWAIT)
         connection.recv(RECEIVE_BYTES, socket.MSG_DONTWAIT)

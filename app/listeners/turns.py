@@ -14,16 +14,15 @@ from collections import deque
 from collections.abc import Callable
 
 MAX_TURNS = 16
-"""Maximum number of pieces of work that begin in one iteration of the event loop, while iterations are short.
+"""Maximum number of pieces of work that begin in one iteration of the event loop, while iterations are
+short.
 """
 LONG_S = 0.003
-"""Threshold for the duration of an iteration, s. After a longer iteration, the next one begins fewer pieces
-of work, but at least one.
-"""
+"""Duration of an iteration above which the next one begins fewer pieces of work, but at least one, s."""
 
 
 class Turns:
-    """The pieces of work that wait for their iteration. There is one such object for each event loop."""
+    """The pieces of work that wait for an iteration of one event loop."""
 
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()
@@ -33,14 +32,14 @@ class Turns:
         self._renewing = False
 
     def mine(self) -> bool:
-        """Whether a piece of work may be done at once. If so, it is counted."""
+        """Whether a piece of work may be done at once. If it may, count it as done in this iteration."""
         if self._waiting or self._left <= 0:
             return False
         self._count()
         return True
 
     def wait(self, work: Callable[[], object]) -> None:
-        """Do a piece of work when its turn comes, which may be at once."""
+        """Do a piece of work in its turn, which may be at once."""
         if self.mine():
             work()
         else:
@@ -67,7 +66,7 @@ class Turns:
         self._most = max(1, self._most // 2) if late else min(MAX_TURNS, self._most + 1)
         self._left, self._renewing = self._most, False
         while self._waiting and self._left > 0:
-            self._count()  # at least one piece, which schedules the next iteration
+            self._count()  # does at least one piece, and schedules the next iteration
             self._waiting.popleft()()
             if time.perf_counter() - now_s > LONG_S:
                 break

@@ -1,4 +1,4 @@
-"""WebSocket connections with limited work, and almost without a buffer for clients that read slowly."""
+"""WebSocket connections that take turns to use the event loop, and buffer almost nothing for slow clients."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ TOO_BIG = 1009
 
 
 def keep_nothing_unsent(transport: Transport) -> None:
-    """Keep the amount of unsent data minimal. A slow client then gets the newest data, because data is
-    created only when it can be sent.
+    """Keep as little unsent data as possible. Messages are created only when they can be sent, so a slow
+    client gets the newest data.
     """
-    # Not 0: with TLS even an empty buffer would be too full.
+    # Not 0, because with TLS even an empty buffer would be above the limit.
     transport.set_write_buffer_limits(high=1, low=0)
     connection = transport.get_extra_info("socket")
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)
 
 
 class StreamProtocol(WebSocketsSansIOProtocol):
-    """A WebSocket connection. It sends only the newest data. Received data waits for a turn."""
+    """A WebSocket connection. Received data waits for a turn; a slow client gets only the newest data."""
 
     def __init__(self, *, crowd: Crowd, turns: Turns, visit: Visit, **uvicorn: Any) -> None:
         super().__init__(**uvicorn)
@@ -58,7 +58,7 @@ class StreamProtocol(WebSocketsSansIOProtocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
-        self.conn.parser.close()  # the parser keeps the last frame in a circle of references
+        self.conn.parser.close()  # otherwise a reference cycle in the parser keeps the last frame
         self._unread.clear()
         self._crowd.leave(self._visit)
         self._visit.close = self._visit.expire = lambda: None
@@ -140,7 +140,7 @@ class StreamProtocol(WebSocketsSansIOProtocol):
         self._waits = False
         if self.transport.is_closing():
             self._unread.clear()
-        elif not self.read_paused:  # otherwise the application has to read earlier messages first
+        elif not self.read_paused:  # otherwise the application must read earlier messages first
             data = bytes(self._unread[:SLICE_BYTES])
             del self._unread[:SLICE_BYTES]
             super().data_received(data)

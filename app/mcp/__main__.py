@@ -1,7 +1,7 @@
 """`cobot mcp`: connects a running service to agents that start a program and talk to it over standard input
 and output.
 
-It only passes messages on. So the service alone decides what an agent may do.
+It only forwards messages, so the service alone decides what an agent may do.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from cobot.client.tls import tls_context, token_from_environment
 
 
 def main() -> int:
-    """Pass messages on until the input ends. Returns the exit status."""
+    """Forward messages until the input ends. Returns the exit status."""
     parser = argparse.ArgumentParser(prog="cobot mcp", description=__doc__)
     parser.add_argument("--url", required=True, help="URL of the service")
     anyio.run(_bridge, parser.parse_args().url.rstrip("/") + MCP)
@@ -42,14 +42,14 @@ async def _bridge(url: str) -> None:
         await _forward(from_agent, to_service)
         # The agent has disconnected. This process ends, which ends its requests and any motion.
         tasks.cancel_scope.cancel()
-        await to_agent.aclose()  # otherwise the library would wait for more to write
+        await to_agent.aclose()  # otherwise the library would wait for more messages
 
 
 async def _forward(
     source: ReadStream[SessionMessage | Exception], target: WriteStream[SessionMessage]
 ) -> None:
     async for message in source:
-        if isinstance(message, Exception):  # the other end has sent something that is not a message
+        if isinstance(message, Exception):  # received data that is not a valid message
             print(f"cobot mcp: {message}", file=sys.stderr)
         else:
             await target.send(message)

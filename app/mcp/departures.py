@@ -1,9 +1,8 @@
-"""Detects agents that leave while the arm is moving for them, by closing the connection or cancelling the
-request.
+"""Detects agents that close the connection or cancel the request while the arm is moving for them.
 
-With clients that use a protocol before 2026, the library behind /mcp/mcp detects neither. If the answer is
-one JSON document, the library reads only the request body, so it misses the end of the connection. It also
-cannot match a cancellation to its request, because requests are independent of each other.
+With clients that use a protocol version from before 2026, the library behind /mcp/mcp detects neither. For an
+answer that is one JSON document, it reads only the request body and so misses the end of the connection. Nor
+can it match a cancellation to its request, because it has no sessions.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ class Departures:
     @contextmanager
     def watch(self, scope: Scope, message: object, body: bytes, receive: Receive) -> Iterator[Receive]:
         """Detect that the client cancels this request or disconnects. `scope[GONE]` is then set, which ends
-        the motion. Yields the `receive` to pass to the application.
+        the motion. Yields the `receive` function to pass to the application.
 
         Args:
             message: the decoded JSON body.
@@ -74,8 +73,8 @@ async def _watch(receive: Receive, gone: asyncio.Event) -> None:
 
 
 def _key(scope: Scope, request_id: Any) -> Key:
-    """Return the key of a request: its client, the client's computer and the number of the request. This is
-    needed because there are no sessions.
+    """Return the key of a request: its client, the client's computer and the request's number. There is no
+    session that could identify it.
     """
     client = client_of(scope)
     return client.name, client.address, str(request_id)

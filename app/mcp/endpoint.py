@@ -1,7 +1,7 @@
 """The endpoint for agents: POST /mcp/mcp.
 
-The import of the MCP library takes a second of computing time. So it is imported in a thread when the first
-agent connects. Services without agents never import it.
+Importing the MCP library takes a second of computing time, so a thread does it when the first agent connects.
+Services without agents never import it.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
     from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
 
 MAX_BODY_BYTES = 32_768
-"""Maximum size of a request, bytes. The arguments of a tool take some hundred bytes, and the library needs
-about a microsecond of the event loop for each byte.
+"""Maximum size of a request, bytes. The arguments of a tool take a few hundred bytes, and the library blocks
+the event loop for about a microsecond per byte.
 """
 STOPPED = "cobot.stopped"
-"""Key in a request's scope for the status and the document of the stop that the request has asked for."""
+"""Key in a request's scope for the result of the stop that it requested: status and document."""
 REST_S = 0.02
-"""Minimum time between the beginnings of two requests, s. Each request takes 10 ms or more of the event
-loop.
+"""Minimum time between the starts of two requests, s. Each request occupies the event loop for 10 ms or
+more.
 """
 
 
@@ -94,8 +94,8 @@ async def _body(receive: Receive) -> bytes | None:
 
 
 async def _stop(scope: Scope, message: object) -> None:
-    """Stop the arm if the request asks for a stop, before the request waits for its turn. The result is
-    stored in the scope, for the tool to answer.
+    """If the request is a stop, stop the arm before the request waits for its turn. The result is stored in
+    the scope, for the tool's answer.
     """
     match message:
         case {"method": "tools/call", "params": {"name": "stop", **asked}}:
@@ -114,8 +114,8 @@ def _decoded(body: bytes) -> object:
 
 
 async def _run(manager: StreamableHTTPSessionManager, entered: asyncio.Event) -> None:
-    """Run the session manager until cancelled. The task that enters the library's task group must also leave
-    it.
+    """Run the session manager until cancelled, in one task, because the task that enters the library's task
+    group must also leave it.
     """
     async with manager.run():
         entered.set()

@@ -1,4 +1,4 @@
-"""The REST API, called inside this process on behalf of an agent.
+"""Calls of the REST API inside this process, on behalf of an agent.
 
 The calls use the client, the address and the token of the agent's request. So roles, control, limits and the
 audit log apply as in the REST API.
@@ -59,7 +59,7 @@ class OwnRest:
         async def receive() -> Message:
             if coming:
                 return coming.pop()
-            await asyncio.Event().wait()  # this client does not disconnect before the answer
+            await asyncio.Event().wait()  # an internal client never disconnects before the answer
             raise AssertionError("unreachable")
 
         async def send(message: Message) -> None:

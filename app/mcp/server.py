@@ -162,8 +162,7 @@ def _audit(what: str, **details: object) -> Iterator[None]:
 
 
 def session_manager(app: FastAPI) -> StreamableHTTPSessionManager:
-    """The MCP library's manager of requests. It runs without sessions, because sessions could be lost or
-    stolen.
+    """The MCP library's manager of requests, without sessions, because sessions could be lost or stolen.
 
     The library's own check of hosts is off, because `app.api.middleware.access` has already checked hosts and
     clients.
@@ -184,7 +183,7 @@ def session_manager(app: FastAPI) -> StreamableHTTPSessionManager:
 def _offer_resources(server: MCPServer, app: FastAPI) -> None:
     @server.resource("cobot://manual", mime_type="text/plain")
     def manual() -> str:
-        """How to use the tools."""
+        """Instructions for using the tools."""
         return MANUAL
 
     @server.resource("cobot://robots", mime_type="application/json")

@@ -116,7 +116,7 @@ async def plan_to_joints(ctx: Ctx, joints: JointAngles, speed: Speed = 0.1, robo
     return await _plan(ctx, robot, "joints", {"joints": joints, "speed": speed})
 
 
-# An agent sees these parameters, so none of them is hidden in an object.
+# All parameters are listed separately, because agents see them.
 @takes_fields_of(PlanPose, "speed", "frame_id", "free_axes", "end_joints")
 async def plan_to_pose(
     ctx: Ctx,
@@ -221,7 +221,7 @@ async def execute(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> dict[str, Any
     try:
         plan = rest.services.plans.get(plan_id)
         caller = Caller("MCP execute", None, stops, endpoints[EXECUTE].timeout_s, gone, job)
-        # A cancellation here would leave the arm moving.
+        # If this call were cancelled, the arm would keep moving.
         running = asyncio.create_task(rest.services.approvals.execute(plan_id, caller))
         try:
             outcome = await asyncio.shield(running)
@@ -260,12 +260,12 @@ async def rehearse(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> Any:
 async def stop(ctx: Ctx, robot: Robot = "") -> Any:
     """Stop the arm at once, no matter which client is moving it. Always permitted."""
     rest = _Rest(ctx, robot)
-    done = rest.scope.get(STOPPED)  # the answer of the stop that was made when the request arrived
+    done = rest.scope.get(STOPPED)  # the result of the stop that was carried out when the request arrived
     return await rest.post("/stop") if done is None else read_decision(done)
 
 
 async def list_plans(ctx: Ctx, robot: Robot = "") -> Any:
-    """The plans that are kept, and the client that has approved each."""
+    """The kept plans, and the client that has approved each."""
     return {"plans": await _Rest(ctx, robot).get("/robot/plans")}
 
 

@@ -26,8 +26,8 @@ class RobotTopics:
 
     The last joints in joint_states are the fingers of a gripper.
 
-    States are read only while there is a subscriber. Only the service may publish these topics, except that
-    any client may publish frames.
+    States are read only while there is a subscriber. Only the service may publish these topics; but any
+    client may publish frames.
 
     Args:
         prefix: prefix of the names of frames.
@@ -65,7 +65,7 @@ class RobotTopics:
             )
         }
         self._publish_latched()
-        services.tool.on_change.append(self._publish_latched)  # the TCP is part of both
+        services.tool.on_change.append(self._publish_latched)  # both messages contain the TCP
         servo = services.servo
         graph.subscribe(
             f"/{name}/joint_cmd",

@@ -71,8 +71,8 @@ def _warn(rosout: Publisher, clock: Clock, text: str) -> None:
 
 
 async def _take_control(services: Services, request: Message) -> Message:
-    """Take control for the client that sends the request, until it disconnects or the lease expires, if the
-    request is true; release control if it is false.
+    """Take control for the client that sends true, until it disconnects or the lease expires. Release control
+    if the client sends false.
     """
     success, message = await services.control.set_control(request["data"])
     return {"success": success, "message": message}

@@ -1,4 +1,4 @@
-"""The manual at `/manual`: the site that `make docs` builds. Its search works without a network.
+"""The manual at `/manual`, as built by `make docs`. Its search works without a network.
 
 The pages are static files in this package, and are the same for every robot.
 """
@@ -29,7 +29,7 @@ _INLINE = re.compile(rb"<script>(.*?)</script>", re.DOTALL)
 
 
 def inline_scripts(site: Path) -> Iterator[str]:
-    """Return the hashes of the inline scripts in the pages, for a Content-Security-Policy."""
+    """Yield the hashes of the pages' inline scripts, for a Content-Security-Policy."""
     for body in {body for page in site.glob("*.html") for body in _INLINE.findall(page.read_bytes())}:
         yield f"'sha256-{base64.b64encode(hashlib.sha256(body).digest()).decode()}'"
 

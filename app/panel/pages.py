@@ -27,7 +27,7 @@ SITE = Path(__file__).parent / "site"
 THREE_PACKAGE = "ifc_console_viewer"
 THREE_FOLDER = Path("static", "vendor")
 THREE_MODULES = ("three.core.min.js", "three.module.min.js", "OrbitControls.js")
-"""Names of the three.js files that the panel uses. The files import each other by these names."""
+"""Names of the three.js files that the panel uses. The files import each other under these names."""
 
 
 def page_headers(scripts: Sequence[str] = (), styles: Sequence[str] = ()) -> dict[str, str]:
@@ -52,7 +52,7 @@ def page_headers(scripts: Sequence[str] = (), styles: Sequence[str] = ()) -> dic
         "X-Frame-Options": "DENY",
         "X-Content-Type-Options": "nosniff",
         "Referrer-Policy": "no-referrer",
-        "Cache-Control": "no-cache",  # so that a browser asks whether its copy is still the newest
+        "Cache-Control": "no-cache",  # so that browsers check whether their copy is still current
     }
 
 
@@ -80,7 +80,7 @@ class Site(StaticFiles):
 
 
 def find_three(name: str) -> Path:
-    """Return the file with a three.js module.
+    """Return the path of a three.js module.
 
     Args:
         name: one of `THREE_MODULES`.
@@ -124,7 +124,7 @@ def install(app: FastAPI) -> None:
 
     @app.get(PANEL, include_in_schema=False)
     @app.get(f"{PANEL}/", include_in_schema=False)
-    async def by_name() -> RedirectResponse:  # the address that people try first
+    async def by_name() -> RedirectResponse:  # the address that people are likely to try first
         return RedirectResponse("/")
 
     @app.get(THREE, include_in_schema=False)

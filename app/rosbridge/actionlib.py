@@ -1,5 +1,5 @@
 """Error messages for clients that use ROS 1 actions, which consist of five topics. The messages name the
-operations that must be used instead.
+operations to use instead.
 
 rosbridge for ROS 2 has operations for actions, so these topics have no effect.
 """

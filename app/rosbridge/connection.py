@@ -1,4 +1,4 @@
-"""One rosbridge v2 client, apart from its WebSocket.
+"""The connection of a rosbridge v2 client, without its WebSocket.
 
 When the client disconnects, its advertisements, subscriptions and offers end, and its goals are cancelled.
 This includes goals that the client has sent through the services of a ROS action. Messages to the client wait
@@ -42,17 +42,17 @@ from cobot.strict import shown
 MAX_PENDING = 1024
 """Maximum number of unanswered calls and unfinished goals of one client."""
 MAX_ENDS = 1024
-"""Maximum number of topics that one client may publish, and maximum number that it may subscribe to."""
+"""Maximum number of topics that one client may advertise, and maximum number of topics that it may subscribe
+to.
+"""
 MAX_LATCHED = 16 * 2**20
-"""Maximum length of all latched messages of a client together, in characters. They are kept until the client
+"""Maximum total length of a client's latched messages, in characters. They are kept until the client
 disconnects.
 """
 UNREAD_CHARACTERS = 1024
-"""Number of characters at the start of a message in which `UNREAD` is searched, if the message is not
-decoded.
-"""
+"""Number of characters at the start of an undecoded message that are searched for `UNREAD`."""
 UNREAD = re.compile(r'"(op|id|service|action)"\s*:\s*("(?:[^"\\]|\\.){0,512}"|\d{1,18}\b)')
-"""Pattern of the fields that are read from a message that is not decoded."""
+"""Pattern of the fields that are read from an undecoded message."""
 ANSWERS = {"call_service": "service_response", "send_action_goal": "action_result"}
 """For each operation with an answer, the operation of the answer."""
 LEVELS = ("none", "error", "warning", "info")
@@ -85,8 +85,8 @@ class RosbridgeConnection:
         self._latched: dict[str, int] = {}
 
     def prepared(self, content: Any) -> Any:
-        """Prepare a decoded message for `take`, in another thread. All work that grows with the message size
-        is done here.
+        """Prepare a decoded message for `take`. Called in another thread, because it does all the work that
+        grows with the message size.
         """
         try:
             asked = op.operation(content)
@@ -99,7 +99,7 @@ class RosbridgeConnection:
                 value = self._arguments(value, type_)
             return asked.model_copy(update={name: self._graph.messages.examine(type_, value)})
         except (CobotError, RuntimeError):
-            return content  # `take` finds this error too, or the graph has changed meanwhile
+            return content  # `take` raises the same error, unless the graph has changed in the meantime
 
     def take(self, content: Any, size: int = 0) -> str | None:
         """Handle a decoded message, or the result of `prepared`. Errors are reported to the client.
@@ -130,9 +130,9 @@ class RosbridgeConnection:
             self.outbox.mention(status if message_id is None else {**status, "id": message_id})
 
     def reject_unread(self, text: str, error: PayloadError) -> None:
-        """Answer a message that is too large to be decoded, so that the client does not wait without result.
+        """Answer a message that is too large to be decoded, so that the client does not wait in vain.
 
-        Its operation and its id are read from the beginning of the text, where clients write them.
+        Its operation and id are read from the start of the text, where clients usually write them.
         """
         head = {name: json.loads(value) for name, value in UNREAD.findall(text[:UNREAD_CHARACTERS])}
         answer = ANSWERS.get(str(head.get("op")))
@@ -245,7 +245,7 @@ class RosbridgeConnection:
             if len(self._publishers) >= MAX_ENDS:
                 raise ConflictError(f"a client may advertise at most {MAX_ENDS} topics")
             publisher = self._graph.advertise(topic, type_, latch=latch, owner=self, inferred=inferred)
-            if known is not None:  # the type of the earlier publisher was only a guess
+            if known is not None:  # an earlier publisher's type was only inferred
                 known[0].close()
             self._publishers[key] = publisher, {advertise_id}
         elif other:

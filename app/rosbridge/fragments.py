@@ -12,9 +12,7 @@ from cobot.errors import InputError
 MAX_INCOMPLETE = 8
 """Maximum number of incomplete messages of one client. A further message replaces the oldest one."""
 PIECE = 100
-"""Number of characters that is added to the length of each fragment, because even an empty fragment takes
-memory.
-"""
+"""Number of characters added to the length of each fragment, because even an empty fragment takes memory."""
 
 
 @dataclass(slots=True)
@@ -65,7 +63,7 @@ class MessageAssembly:
 
 
 def in_pieces(text: str, size: int | None, name: str) -> Iterator[str]:
-    """Return a message as it is sent: as a whole, or as fragments of `size` characters."""
+    """Yield a message as it is sent: whole, or in fragments of `size` characters."""
     if size is None or len(text) <= size:
         yield text
         return

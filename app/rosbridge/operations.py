@@ -19,7 +19,7 @@ Name = Annotated[str, Field(min_length=1, max_length=512)]
 
 
 class Operation(BaseModel):
-    """An operation. Clients send keys of many protocol versions, so unknown keys are ignored."""
+    """An operation. Unknown keys are ignored, because clients send keys of many protocol versions."""
 
     model_config = ConfigDict(extra="ignore", strict=True, frozen=True)
 
@@ -40,14 +40,14 @@ class Advertise(Operation):
 
 
 class Unadvertise(Operation):
-    """Ends an advertisement. `type` selects one of a gateway's several types."""
+    """Ends an advertisement. If a gateway has advertised several types, `type` selects one."""
 
     topic: Name
     type: Name | None = None
 
 
 class Publish(Operation):
-    """Publishes a message. `type` selects one of the types that a gateway has advertised for the topic."""
+    """Publishes a message. If a gateway has advertised the topic with several types, `type` selects one."""
 
     topic: Name
     type: Name | None = None

@@ -1,5 +1,5 @@
-"""Messages that wait to be sent to one client: answers, which must all arrive, and topic messages, where only
-the newest matter.
+"""Messages that wait to be sent to one client: answers, which must all arrive, and topic messages, of which
+only the newest matter.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from cobot.ros.codec import without_nan
 from cobot.ros.messages import Message
 
 MAX_BYTES = 32 * 2**20
-"""Maximum size of the answers that wait, in bytes. A client with more waiting data is disconnected."""
+"""Maximum size of the waiting answers, in bytes. If it is exceeded, the client is disconnected."""
 MAX_OPTIONAL = 256
 """Number of waiting messages above which feedback and status messages are dropped."""
 MAX_PER_TOPIC = 100
-"""Maximum number of subscriptions or advertisements of one topic by one client. They are distinguished by
-id.
+"""Maximum number of subscriptions or advertisements of one topic by one client. Their ids distinguish
+them.
 """
 DEFAULT_QUEUE = 100
-"""Maximum number of messages of a topic that wait, if the client gives no number or 0."""
+"""Maximum number of waiting messages of a topic, if the client gives none or 0."""
 
 
 def dumps(content: Message) -> str:
@@ -89,7 +89,7 @@ class TopicFeed:
             self._timer.cancel()
 
     def next(self) -> Message | None:
-        """Return the next message, if one may be sent now."""
+        """Return the next message; None if none may be sent now."""
         if not self._queue:
             return None
         now_s = self._loop.time()
@@ -97,7 +97,7 @@ class TopicFeed:
             if self._timer is None:
                 self._timer = self._loop.call_at(self._due_s, self._wake_up)
             return None
-        # At multiples of the interval, unless no message has arrived for a while.
+        # Messages are sent at multiples of the interval, unless none has arrived for a while.
         behind = now_s - self._due_s >= self._period_s
         self._due_s = (now_s if behind else self._due_s) + self._period_s
         return self._queue.popleft()
@@ -148,7 +148,7 @@ class Outbox:
         self._numbers = itertools.count()
 
     def answer(self, content: dict[str, Any], fragment_size: int | None = None) -> None:
-        """Queue an answer. Sets `overfull` if too much data waits."""
+        """Queue an answer. Sets `overfull` if too much data is waiting."""
         if self._closed:
             return
         for text in in_pieces(dumps(content), fragment_size, f"fragment:{next(self._numbers)}"):
@@ -164,7 +164,7 @@ class Outbox:
             self.answer(content, fragment_size)
 
     def texts(self) -> Iterator[str]:
-        """Yield the messages that can be sent now. The iteration ends when no message can be sent."""
+        """Yield messages as long as one can be sent."""
         while True:
             found = False
             yield from self._take_answers()

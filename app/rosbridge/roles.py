@@ -14,8 +14,7 @@ ROLES: dict[type[op.Operation], Role] = {
     op.SetLevel: Role.OBSERVER,
     op.Gateway: Role.OBSERVER,
     op.CallService: Role.OBSERVER,
-    # Operations that other clients see and act on: the arm follows /ROBOT/joint_cmd, and programs follow
-    # topics of their own.
+    # Operations that affect others: the arm follows /ROBOT/joint_cmd, and programs react to other topics.
     op.Advertise: Role.OPERATOR,
     op.Unadvertise: Role.OPERATOR,
     op.Publish: Role.OPERATOR,

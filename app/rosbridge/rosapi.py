@@ -150,7 +150,7 @@ def _node(graph: Graph, node: str) -> Message:
 
 
 def _details(messages: Messages, name: str) -> list[Message]:
-    """List a type and all types that it contains, each once."""
+    """List the definitions of a type and of all types that it contains, each once."""
     made: dict[str, Message] = {}
     waiting = [name]
     while waiting:

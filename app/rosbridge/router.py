@@ -24,8 +24,8 @@ from cobot.ros.message_limits import MAX_MESSAGE, check_message
 PATH = "/rosbridge"
 MAX_CONNECTIONS = 32
 MAX_FRAME_BYTES = 2 * MAX_MESSAGE
-"""Maximum size of a frame, in bytes. A larger frame closes the connection. A smaller frame that contains too
-large a message only causes an error.
+"""Maximum size of a frame, in bytes. A larger frame closes the connection. A smaller frame whose message is
+too large only causes an error.
 """
 TRY_LATER = 1013
 
@@ -83,7 +83,8 @@ async def _receive(socket: WebSocket, connection: RosbridgeConnection, large: as
 
 async def _receive_one(socket: WebSocket, connection: RosbridgeConnection, large: asyncio.Lock) -> bool:
     """Handle the next message, and return whether there was one. The message is freed before the next one is
-    awaited. Otherwise each connection would keep a decoded message, which takes three times the size.
+    awaited. Otherwise each connection would keep a decoded message, which takes three times the memory of its
+    text.
     """
     message = await socket.receive()
     if message["type"] != "websocket.receive":

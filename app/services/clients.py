@@ -1,4 +1,4 @@
-"""The client on whose behalf a task runs."""
+"""The client for which a task runs."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from cobot.access.roles import SERVICE
 
 @dataclass(eq=False)
 class RequestClient:
-    """A client that sends a request. There is one object for each request, and one for each open WebSocket.
+    """The client of a request or of an open WebSocket. Each request and each WebSocket has a separate object.
 
     Attributes:
         name: name of the access token. Without a token, the name that the client gives itself, in quotes, or
             "anonymous".
         address: address of the client, without the port.
         leases: the lease tokens that the client sends.
-        sequence: the token of the sequence on whose behalf the client acts, if any.
-        tell: function that is called with a sentence when another client takes over control; None if the
+        sequence: the token of the sequence that sent the request; None if another client sent it.
+        tell: function that is called with a message when another client takes over control; None if the
             client cannot be notified.
         is_valid: function that returns whether the access token is still valid; None for a client without a
             token.
@@ -42,4 +42,4 @@ class RequestClient:
 
 SERVICE_CLIENT = RequestClient(SERVICE.name)
 CLIENT: ContextVar[RequestClient] = ContextVar("client", default=SERVICE_CLIENT)
-"""The client on whose behalf the current task runs. Tasks that it starts inherit it."""
+"""The client for which the current task runs. Tasks started by the current task inherit it."""

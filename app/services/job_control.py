@@ -1,4 +1,4 @@
-"""Operations on jobs: begin a job without waiting, wait for it, cancel, pause and resume it."""
+"""Operations on jobs: begin, wait for, cancel, pause and resume a job."""
 
 from __future__ import annotations
 
@@ -51,13 +51,13 @@ class JobService:
         self._ownership = ownership
         self._stopping = stopping
         self._tasks: set[asyncio.Task[Any]] = set()
-        self._paused: Job | None = None  # the last job that was paused by its own id
+        self._paused: Job | None = None  # the last job that was paused by a request with its id
 
     async def begin(self, job: Job, work: Coroutine[Any, Any, Any]) -> JobRecord:
         """Run a job in the background.
 
         Args:
-            work: coroutine of the job, the same that a blocking endpoint awaits.
+            work: coroutine that does the job's work. A blocking endpoint awaits the same coroutine.
 
         Raises:
             CobotError: the job is rejected for a reason that is known before planning.
@@ -122,7 +122,7 @@ class JobService:
             self._ownership.cancel(job, error)
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(job.ended.wait(), timeout_s)
-        if job is self._paused and job.ended.is_set():  # a job in the queue, which continues without it
+        if job is self._paused and job.ended.is_set():  # a job in the queue; the queue continues without it
             await self._resume()
         return job.record()
 
@@ -159,11 +159,12 @@ class JobService:
         under_way = job.state is JobState.RUNNING and job is not self._ownership.sequence_job
         self._paused = job
         await self._ownership.speed_override.pause()
-        if under_way and job.link.state().mode in RESTING:  # The job has ended instead.
+        if under_way and job.link.state().mode in RESTING:  # The job ended before it could pause.
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(job.ended.wait(), ENDS_S)
         if job.ended.is_set():
-            await self._resume()  # No client could resume it, and the next job would be paused.
+            # Otherwise no client could resume the job, and the next job would start paused.
+            await self._resume()
             raise ConflictError(f"job {job.id} has already ended: {job.state}", details={"cause": "ended"})
 
     async def _resume(self) -> None:
@@ -171,7 +172,7 @@ class JobService:
         await self._ownership.speed_override.resume()
 
     async def step(self, number: str) -> JobRecord:
-        """Continue a paused sequence up to its next stop. Raises the same errors as `resume`."""
+        """Continue a paused sequence for one motion. Raises the same errors as `resume`."""
         job = self.going(number)
         steps = self._steps(job)
         self._require_paused(job)

@@ -1,10 +1,10 @@
 """Idempotency keys for requests that begin a job. A repeated request with the same key begins nothing.
 
 A key is written to disk before its request is processed, and the answer is added afterwards. So a key without
-an answer belongs to a request that the client or the end of the service has interrupted.
+an answer means that the client's disconnection or the service's end has interrupted the request.
 
-The keys are stored in a SQLite file that only the user can read. It contains digests of the keys, and is
-limited in number, size and time.
+The keys are stored in a SQLite file that only the user can read. It contains digests of the keys. Their
+number, size and age are limited.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from cobot.clock import Clock
 from cobot.errors import UnavailableError
 
 KEPT_S = 86_400.0
-"""Time for which an answer is kept, in seconds."""
+"""How long an answer is kept, s."""
 MAX_KEYS, MAX_BYTES = 10_000, 64_000_000
 """Maximum number of keys, and maximum number of bytes in their answers. If either is exceeded, the oldest
 keys are dropped.
@@ -90,7 +90,7 @@ class Keys:
 
     @contextlib.asynccontextmanager
     async def turn(self, key: bytes) -> AsyncIterator[None]:
-        """Context for one request with this key. Other requests with the same key wait."""
+        """Context for processing a request with this key. Other requests with the same key wait."""
         lock, users = self._turns.setdefault(key, (asyncio.Lock(), set()))
         user = object()
         users.add(user)
@@ -103,7 +103,8 @@ class Keys:
                 self._turns.pop(key, None)
 
     async def note(self, key: bytes, request: bytes, job: str) -> Noted | None:
-        """Store a request that is about to be processed. Returns the earlier request if the key is known.
+        """Store a request that is about to be processed, unless its key is known. Returns the earlier request
+        in that case.
 
         Raises:
             UnavailableError: the key cannot be written, so the request must not be processed.
@@ -115,7 +116,7 @@ class Keys:
         await self._run(lambda database: self._answer(database, key, answer))
 
     async def forget(self, key: bytes) -> None:
-        """Delete a key, because its request was rejected and nothing has begun. A new request may use the
+        """Delete a key whose request was rejected and has begun nothing. A new request may then use the
         key.
         """
         await self._run(lambda database: self._drop(database, "key = ?", key))
@@ -148,7 +149,7 @@ class Keys:
         try:
             return self._connect()
         except sqlite3.DatabaseError as exc:
-            # for example a full disk, which does not make the file invalid
+            # for example a full disk; the file itself is valid
             if isinstance(exc, sqlite3.OperationalError):
                 raise
             damaged = self._path.with_name(self._path.name + DAMAGED)
@@ -160,7 +161,8 @@ class Keys:
 
     def _connect(self) -> sqlite3.Connection:
         self._path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        # SQLite would create the file readable for all. Its other files get the same permissions.
+        # SQLite would create the file readable for everyone. Its auxiliary files get the permissions of this
+        # one.
         flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
         descriptor = os.open(self._path, flags, 0o600)
         try:
@@ -169,7 +171,7 @@ class Keys:
             os.close(descriptor)
         database = sqlite3.connect(self._path, check_same_thread=False)
         try:
-            # In this mode a commit survives a kill of the process, without a flush of the disk.
+            # In this mode, commits survive even if the process is killed, without flushing the disk.
             database.execute("PRAGMA journal_mode = WAL")
             database.execute("PRAGMA synchronous = NORMAL")
             database.executescript(_SCHEMA)

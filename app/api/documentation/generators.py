@@ -16,8 +16,9 @@ FORM = "Body_"
 def suit_generators(schema: dict[str, Any]) -> None:
     """Name the forms, make request fields with a default optional, declare the token, and simplify nulls.
 
-    TypeScript generators assume that a field with a default is always present. This holds for responses, but
-    would make the field required in requests. So request fields state their default only in the description.
+    TypeScript generators assume that a field with a default is always present. That is true of responses, but
+    makes the field required in requests. Request fields therefore state their default only in the
+    description.
     """
     schema.setdefault("components", {})["securitySchemes"] = {"token": BEARER}
     schema.setdefault("security", [{}, {"token": []}])
@@ -30,9 +31,9 @@ def suit_generators(schema: dict[str, Any]) -> None:
 
 
 def simplify_nulls(part: Any) -> None:
-    """Write `X or null` as a type with two names, or as `oneOf` for references and enumerations.
+    """Rewrite `X or null` as a list of two types, or as `oneOf` for references and enumerations.
 
-    C# generators make a class of `anyOf` with null, which takes no value.
+    From `anyOf` with null, C# generators make a class that cannot hold a value.
     """
     if isinstance(part, list):
         for value in part:

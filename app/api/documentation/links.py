@@ -1,7 +1,6 @@
-"""OpenAPI links from the values of answers to the operations that need them, for generated clients and
-fuzzers.
+"""OpenAPI links from values in answers to the operations that take them, for generated clients and fuzzers.
 
-A link is only a hint: a plan expires, a job ends, a recording can be deleted.
+A link is only a hint, because a plan can expire, a job can end and a recording can be deleted.
 """
 
 from __future__ import annotations
@@ -47,8 +46,8 @@ LINKS: dict[str, dict[str, dict[str, Any]]] = {
     },
     "TakenAnswer": {"release_control": _parameter(CONTROL_TOKEN, "$response.body#/token")},
 }
-"""The links of each answer model: for each operation, the value in the answer that it needs, and the
-parameter to which this value is passed.
+"""Links of each answer model. For each operation: the value that it takes from the answer, and the parameter
+to which the value is passed.
 """
 
 

@@ -31,9 +31,9 @@ def with_limits(
 ) -> Callable[[], dict[str, Any]]:
     """A schema function that includes the number of joints and their position limits.
 
-    This is for documentation and generated clients. Requests are checked by `cobot.robot.limits`, whose error
-    messages name the joint. If the robots differ, the schema permits every value that at least one robot
-    permits.
+    The limits in the schema are for documentation and generated clients. `cobot.robot.limits` checks the
+    requests, with error messages that name the joint. If the robots differ, the schema permits every value
+    that at least one robot permits.
 
     Args:
         robots: each robot's limits by name.
@@ -53,7 +53,8 @@ def with_limits(
                 }
         for path, operations in schema["paths"].items():
             for endpoint in operations.values():
-                summary = first_sentence(endpoint["description"])  # says more than a repetition of the path
+                # more useful than FastAPI's summary, which repeats the path
+                summary = first_sentence(endpoint["description"])
                 if "409" in endpoint["responses"] and not path.endswith(("/reset", "/reload")):
                     _add(CONTROL, endpoint)
                 endpoint["summary"] = f"{summary} For any robot." if path.startswith(BY_NAME) else summary
@@ -77,14 +78,14 @@ def version(robots: dict[str, JointLimits]) -> Hashable:
 
 
 def of_the_default_robot(document: dict[str, Any]) -> dict[str, Any]:
-    """The part of a document about the paths without a robot's name."""
+    """Return the part of a document that describes paths without a robot's name."""
     paths = {path: each for path, each in document["paths"].items() if not path.startswith(BY_NAME)}
     return {**document, "paths": paths}
 
 
 def of_any_robot(document: dict[str, Any]) -> dict[str, Any]:
-    """The part of a document about the paths below /robots/NAME. Each path gets the tags of the path without
-    a name.
+    """Return the part of a document that describes paths below /robots/NAME. Each path has the tags of the
+    same path without a name.
     """
     plain = of_the_default_robot(document)["paths"]
     groups = {f"{BY_NAME}{{robot}}{path_below(path)}": each for path, each in plain.items()}
@@ -172,8 +173,8 @@ def with_tokens(
 
 
 def error_components(*statuses: int) -> dict[str, Any]:
-    """Error answers for `components.responses`. Each is listed only once, because a browser reads 300
-    endpoints.
+    """Error answers for `components.responses`. Each is listed only once, to keep the document of 300
+    endpoints small.
     """
     reference = {"schema": {"$ref": "#/components/schemas/ErrorAnswer"}}
     return {

@@ -1,8 +1,8 @@
-"""Swagger's pages, and files to try with: /docs for the REST API, /docs/robots for the same endpoints with a
-robot's name in the path, /docs/vendor for the vendor services.
+"""Swagger's pages and sample files. /docs is the REST API, /docs/robots has the same endpoints with a robot's
+name in the path, and /docs/vendor has the vendor services.
 
-One page for all would have 410 operations, and a browser needs seconds to draw it. /openapi.json, from which
-clients are generated, covers the first two.
+A single page would have 410 operations, which a browser takes seconds to draw. /openapi.json, for client
+generators, covers the first two pages.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ VENDOR_PAGE, VENDOR_SCHEMA = "/docs/vendor", "/openapi/vendor.json"
 PARAMETERS = {
     "displayRequestDuration": True,
     "tryItOutEnabled": True,
-    "defaultModelsExpandDepth": -1,  # no list of models below the endpoints, which show theirs
+    "defaultModelsExpandDepth": -1,  # no list of models at the end; each endpoint shows its own
     "docExpansion": "none",
 }
 SERVERS: list[dict[str, Any]] = [
     {"url": VERSION, "description": "This version of the API."},
-    {"url": "/", "description": "The same without a version, for clients written before there was one."},
+    {"url": "/", "description": "The same API without a version, for older clients."},
 ]
 """The two base URLs of the API. Each path is listed once and exists below both. Generated clients use the
 first one.
@@ -69,7 +69,7 @@ TAGS = [
     },
     {"name": "robots", "description": "The list of robots, and the endpoints of a robot by its name."},
 ]
-"""The groups in Swagger's order; it shows the first one open."""
+"""The groups, in the order in which Swagger shows them. Swagger opens the first one."""
 
 
 NAVIGATION = """<nav style="font: 1rem sans-serif; padding: 0.75rem 1.25rem">
@@ -86,7 +86,7 @@ _turn = threading.Lock()
 class _Document:
     """An OpenAPI document, as the bytes that are sent.
 
-    A thread makes it when a client first requests it. This takes a third of a second.
+    It is created in a thread on the first request, which takes a third of a second.
 
     Args:
         schema: returns the document.

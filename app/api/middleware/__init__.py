@@ -1,1 +1,1 @@
-"""ASGI middleware: layers around all routes, which every request passes."""
+"""ASGI middleware: layers around all routes. Every request passes through them."""

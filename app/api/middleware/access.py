@@ -1,4 +1,5 @@
-"""Identifies the client and checks hosts and web pages: one ASGI middleware around all HTTP and WebSocket.
+"""ASGI middleware that identifies the client and checks the host and origin of all HTTP requests and
+WebSockets.
 
 The middleware rejects requests for a different host (421) or from a foreign web page (403, see `origins`),
 and stores the client's identity in the scope. The route decides whether this client may use it; see
@@ -6,9 +7,9 @@ and stores the client's identity in the scope. The route decides whether this cl
 
 A client sends its token in the header `Authorization: Bearer TOKEN`. Browsers cannot set headers of a
 WebSocket, so there the token may also be sent as a subprotocol, `new WebSocket(url, ["cobot", "cobot.token."
-+ TOKEN])`, or as `?token=TOKEN`, for libraries that accept only a URL. URLs appear in proxy logs and browser
-histories, so the other two ways are better. The service removes the token from the URL before any other part
-sees it.
++ TOKEN])`, or as `?token=TOKEN`, for libraries that accept only a URL. The other two ways are safer, because
+URLs appear in proxy logs and browser histories. The service removes the token from the URL before its other
+parts can see it.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from cobot.errors import CobotError, MisdirectedError, PermissionDenied
 IDENTITY = "cobot.identity"
 STILL_VALID = "cobot.still_valid"
 """Key in the scope for a function that checks whether the request's token is still valid with the same role.
-Long answers call this function.
+Code that sends long answers calls it.
 """
 _HEADERS = "cobot.headers"
 HEADERS = (
@@ -87,9 +88,9 @@ class Access:
     /robot/state cheaper.
 
     Args:
-        required: whether clients need a token. If not, a client without a token has all permissions.
-        required_of_proxies: whether a client behind a proxy needs a token. The exemption for this computer
-            would otherwise apply to the proxy's clients too.
+        required: whether clients need a token. If they do not, a client without a token has all permissions.
+        required_of_proxies: whether a client behind a proxy needs a token. Otherwise the exemption for this
+            computer would also apply to the proxy's clients.
     """
 
     def __init__(
@@ -104,7 +105,7 @@ class Access:
         self._app = app
         self._tokens = tokens
         self._origins = origins
-        # For permitted pages from other origins, the browser first asks which requests are permitted.
+        # A browser asks which requests are permitted before a page from another permitted origin sends them.
         self._cors = CORSMiddleware(
             self._identify,
             allow_origin_regex=".*",
@@ -201,7 +202,7 @@ def _picked(scope: Scope) -> dict[bytes, bytes]:
     """Read the headers about the origin of a request.
 
     Raises:
-        MisdirectedError, PermissionDenied: a header occurs twice. Two readers could then use different
+        MisdirectedError, PermissionDenied: a header occurs twice, so that two programs could use different
             values.
     """
     found: dict[bytes, bytes] = {}

@@ -1,7 +1,7 @@
 """The outermost middleware. It gives each request its id, and writes an audit log entry for each request that
 changes something, regardless of the result.
 
-It also handles the requests that the inner middleware rejects, and reads the client's identity once it is
+The log also has the requests that the inner middleware rejects. The client's identity is read once it is
 known.
 """
 

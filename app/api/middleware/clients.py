@@ -1,7 +1,6 @@
-"""Stores the client of a request or a WebSocket in a context variable, which all tasks of that request
-inherit.
+"""Stores the client of a request or WebSocket in a context variable that all tasks of the request inherit.
 
-The middleware `access`, if it is installed, provides the names in `scope["cobot.identity"]`.
+The client's name comes from `scope["cobot.identity"]`, which the middleware `access` sets if it is installed.
 """
 
 from __future__ import annotations

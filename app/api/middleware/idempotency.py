@@ -1,5 +1,5 @@
-"""Handles the header `Idempotency-Key`, which lets a client safely repeat a request that begins a job. The
-repetition begins nothing.
+"""Handles the header `Idempotency-Key`, with which a client can safely repeat a request that begins a job.
+The repeated request begins no second job.
 
 The second request with a key gets the answer to the first one, and waits if the first one is still in
 progress. If a request was rejected and has begun nothing, its key can be used again.
@@ -76,7 +76,7 @@ async def answer_once(request: Request, key: str, handler: Handler) -> Response:
         ConflictError: the first request has no answer, because its client disconnected or the service was
             killed.
         UnavailableError: the key cannot be kept; nothing has begun.
-        Exception: errors of the handler are passed on.
+        Exception: any error that the handler raises.
     """
     keys = cast(Keys, request.app.state.keys)
     digest = hashlib.sha256(f"{identity_of(request).name}\0{key}".encode()).digest()

@@ -1,14 +1,14 @@
-"""The hosts and pages from which requests may come. The check keeps foreign web pages from the arm.
+"""The hosts and pages from which requests are accepted. This prevents foreign web pages from moving the arm.
 
 Browsers allow any page to send requests to any host, and state in headers where each request comes from.
 Clients other than browsers do not send these headers, and are accepted.
 
-- `Host` is the name or address under which the client reached the service. A page can make its own name
-  resolve to this service (DNS rebinding), and then has the same origin. But its `Host` is that name, which is
-  not a name of this service. IP addresses cannot be rebound, so the addresses of this computer on which
-  requests arrive are accepted.
+- `Host` is the name or address under which the client reached the service. A page can make its own host name
+  resolve to this service (DNS rebinding), and then has the same origin as the service. But its `Host` is that
+  name, which is not a name of this service. IP addresses cannot be rebound, so the addresses of this computer
+  on which requests arrive are accepted.
 - `Origin` is sent with every request that can change something, and with every WebSocket.
-- `Sec-Fetch-Site` is sent with all other requests if the browser trusts the connection.
+- `Sec-Fetch-Site` is sent with all other requests if the browser considers the connection secure.
 
 Sources: the Fetch standard, the WebSocket standard, W3C Fetch Metadata Request Headers.
 """
@@ -38,8 +38,8 @@ class Origins:
     Args:
         hosts: names and addresses of this service, in addition to those of this computer and those listed.
         address: the address that the service listens on.
-        web: `allowed_hosts` has more names; `allowed_origins` has the origins of other pages that may use the
-            service.
+        web: `allowed_hosts` has additional names, `allowed_origins` the origins of other pages that may use
+            the service.
     """
 
     def __init__(self, hosts: Iterable[str], address: str, web: WebSection) -> None:
@@ -66,8 +66,8 @@ class Origins:
 
         Raises:
             HeaderError: the request has no header Host.
-            MisdirectedError: it was meant for another host.
-            PermissionDenied: a foreign web page has sent it.
+            MisdirectedError: the request is for another host.
+            PermissionDenied: a foreign web page sent the request.
         """
         host, origin = headers.get(b"host"), headers.get(b"origin")
         if host is None:
@@ -120,8 +120,8 @@ def _same(origin: bytes, host: bytes, secure: bool) -> bool:
 
 
 def _followed_link(scope: Scope, headers: Mapping[bytes, bytes]) -> bool:
-    """Whether a browser opens a cobot page at top level. This changes nothing, so it is allowed from any
-    page.
+    """Whether a browser is following a link to one of cobot's pages. Opening a page changes nothing, so any
+    page may link to it.
     """
     return (
         scope["type"] == "http"

@@ -11,9 +11,11 @@ from dataclasses import dataclass, field
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 BUCKETS_S = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)
-"""Upper bounds of the buckets, s. A state takes one or two milliseconds, a motion up to a minute."""
+"""Upper bounds of the buckets, s. Reading the state takes one or two milliseconds, a motion up to a
+minute.
+"""
 NONE = "none"
-"""Name of unknown routes and methods, so that a client that invents them creates no new series."""
+"""Label for unknown routes and methods, so that clients cannot create new time series by inventing paths."""
 METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
 CANCELLED = 499
 """Status of a request whose client disconnected before the answer, as in nginx."""
@@ -21,7 +23,9 @@ CANCELLED = 499
 
 @dataclass(slots=True)
 class RouteTimes:
-    """Times of one route, method and status: requests per bucket (the last has no bound), and their sum."""
+    """Durations of the requests with one route, method and status: number per bucket (the last has no bound),
+    and sum.
+    """
 
     counts: list[int] = field(default_factory=lambda: [0] * (len(BUCKETS_S) + 1))
     sum_s: float = 0.0
@@ -65,7 +69,7 @@ class RequestTiming:
         try:
             await self._app(scope, receive, send_and_watch)
         except Exception:
-            status = 500  # an outer middleware answers it
+            status = 500  # an outer middleware sends this answer
             raise
         finally:
             route = getattr(scope.get("route"), "path", NONE)

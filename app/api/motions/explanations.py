@@ -27,7 +27,7 @@ def explained(
     goals: Sequence[MotionRequest],
     base_frame: str,
 ) -> Explain:
-    """The answer for a plan that failed with `error`. `motions` are the requested motions to these goals."""
+    """Explain why planning failed with `error`. `motions` are the requested motions to `goals`."""
     explain = explain_of(error)
     assert explain is not None
     number = (found.motion or 1) - 1

@@ -53,14 +53,15 @@ def _vector(point: PathPoint | Direction) -> Array:
 
 
 def goal_of(body: AnyMotion, services: Services, *, checked: bool = True) -> MotionRequest:
-    """The goal of a request to move. It becomes a request to a planner once the start is known.
+    """Convert a request to move into a goal. Once the start is known, the goal becomes a request to a
+    planner.
 
     Args:
-        checked: whether joint angles beyond the limits are rejected here. If not, planning rejects them, and
-            its error can explain which goal would work.
+        checked: whether to reject joint angles beyond the limits here. If false, planning rejects them, with
+            an error that can suggest a goal that works.
 
     Raises:
-        InputError: fields that contradict each other, or that the planner or the robot does not have.
+        InputError: fields contradict each other, or the planner or the robot does not support them.
         LimitError: joint angles beyond the limits.
         NotSupportedError, UnavailableError: see `signals_of`.
     """

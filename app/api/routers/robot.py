@@ -86,7 +86,7 @@ async def pose(request: Request) -> PoseAnswer:
     "GET /robot/state", Role.OBSERVER, timeout_s=1.5, response_model=StateAnswer, responses=responses(503)
 )
 async def state(request: Request) -> Response:
-    """The complete state that the real-time loop publishes in each cycle. It is available even if the robot
+    """The complete state, which the real-time loop publishes in each cycle. It is available even if the robot
     cannot be read.
     """
     call = Call(request)
@@ -125,7 +125,7 @@ async def move_sequence(body: MoveSequence, request: Request, gone: Gone, how: H
 
 @router.endpoint("POST /robot/reset", Role.OPERATOR, timeout_s=25.0, responses=responses(409, 503))
 async def reset(request: Request) -> ResetAnswer:
-    """Leave an e-stop or a fault, once its cause is gone. Nothing moves; a sequence that was running ends."""
+    """Leave an e-stop or a fault once its cause has been removed. Nothing moves. A running sequence ends."""
     call = Call(request)
     await call.services.stopping.reset(call.timeout_s)
     return ResetAnswer(success=True, message="the robot is ready to move")
@@ -135,9 +135,9 @@ async def reset(request: Request) -> ResetAnswer:
     "POST /robot/acknowledge", Role.OPERATOR, timeout_s=5.0, control=True, responses=responses(409, 503)
 )
 async def acknowledge(body: Acknowledge, request: Request) -> AcknowledgeAnswer:
-    """Confirm that a person has compared the arm with the findings of the first contact.
+    """Confirm that a person has checked the findings of the first contact against the arm.
 
-    From then on the arm moves at full speed and accepts streaming sessions. If there is nothing to
+    After this, the arm moves at full speed and accepts streaming sessions. If there is nothing to
     acknowledge, nothing changes.
     """
     services = Call(request).services
@@ -150,7 +150,7 @@ async def acknowledge(body: Acknowledge, request: Request) -> AcknowledgeAnswer:
 async def _move(
     call: Call, body: AnyMotion | MoveSequence, gone: asyncio.Event, how: MoveQuery
 ) -> MoveAnswer | JSONResponse:
-    """Answer a request for one motion or several, at once or from the queue."""
+    """Execute one or several motions, immediately or from the queue, and answer with their result."""
     services, several = call.services, isinstance(body, MoveSequence)
     motions, radii_m = (body.motions, body.radii) if isinstance(body, MoveSequence) else ([body], [])
     goals = [goal_of(each, services) for each in motions]
@@ -167,10 +167,10 @@ async def _move(
 
 
 def check_queueing(how: MoveQuery) -> None:
-    """Reject a blend radius of a motion that is not queued, because no other follows it.
+    """Reject a blend radius without `queue`, because no motion follows to blend into.
 
     Raises:
-        InputError: a motion that is not queued has a blend radius.
+        InputError: the motion has a blend radius but is not queued.
     """
     if not how.queue and how.blend_radius > 0.0:
         raise InputError("blend_radius: is only for queued motions; add queue=true")

@@ -1,4 +1,4 @@
-"""The list of robots, and the endpoints of each robot by name."""
+"""The list of robots, and the endpoints whose path contains a robot's name."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ async def robots(request: Request, limit: Limit = None, after: After = None) -> 
 
 
 def device_answer(link: RobotLink) -> DeviceAnswer | None:
-    """The device that moves a robot; None while it cannot be read."""
+    """Describe the device that moves a robot; None while the device cannot be read."""
     device, report = link.device(), link.io()
     return None if device is None else DeviceAnswer.of(*device, report.points if report else ())
 
 
 def twins(routes: Iterable[BaseRoute], robots: list[str]) -> list[BaseRoute]:
-    """Copies of the endpoints below /robots/{robot}, served by the same functions.
+    """Make copies of the endpoints below /robots/{robot}. The same functions serve them.
 
     Args:
         robots: the valid names, for the documentation.
@@ -74,10 +74,10 @@ def twins(routes: Iterable[BaseRoute], robots: list[str]) -> list[BaseRoute]:
 
 
 def _twin(route: APIRoute, documentation: dict[str, Any]) -> APIRoute:
-    """Make the route at the path with the name of any robot.
+    """Make the copy of a route whose path contains the robot's name.
 
-    The route is a copy, because only the path differs. For a new route FastAPI would inspect the function
-    again, and pydantic would build each model a second time.
+    Only the path of the copy differs. If a new route were made, FastAPI would inspect the function again, and
+    pydantic would build each model a second time.
     """
     twin = copy(route)
     twin.path = f"{ANY}{path_below(route.path)}"

@@ -51,8 +51,8 @@ async def change_scene(body: ChangeScene, request: Request) -> ChangedAnswer:
     """Change the scene, completely or not at all.
 
     After the response, every planned motion keeps `planning.collision_margin_m` from the objects. The current
-    motion is stopped if its remaining path comes closer. The scene is kept across restarts. While the arm is
-    moving, nothing can be attached or detached, and the carried load cannot change.
+    motion is stopped if its remaining path would come closer than that. The scene is kept across restarts.
+    While the arm is moving, nothing can be attached or detached, and the carried load cannot change.
     """
     call = Call(request)
     service = call.services.scene

@@ -29,7 +29,7 @@ def _text(description: str) -> Any:
 ACTION = "Not used; accepted for compatibility and written to the log."
 
 
-# It has many parameters because each one is a field of the form and of the published schema.
+# Each parameter is a field of the form and of the published schema.
 @router.endpoint(
     "POST /sequences/start",
     Role.PROGRAMMER,

@@ -53,12 +53,12 @@ from cobot.logs import log_context
 from cobot.reasons import Reason
 
 MAX_ANSWERS = 64
-"""Maximum number of answers that wait for a client to read them. If there are more, the oldest is
-dropped.
-"""
+"""Maximum number of answers that a client has not read yet. If there are more, the oldest is dropped."""
 
 MOVING = frozenset({"session", "jog", "control", "target", "setpoint", "move", "chunk", "estop"})
-"""Frame types that move the arm. If one of them is rejected, an event reports it to other clients."""
+"""Types of frames that move the arm. An event reports each rejected frame of these types to the other
+clients.
+"""
 
 router = EndpointRouter()
 
@@ -71,14 +71,14 @@ async def stream(socket: WebSocket) -> None:
         services = services_of(socket)
         with services.streams.connection():
             await StreamConnection(socket, services, timeout_s).serve()
-    except CobotError as exc:  # before the connection was accepted
+    except CobotError as exc:  # rejected before the connection was accepted
         answer = JSONResponse({"detail": str(exc), "code": exc.code}, status_of(exc))
         await socket.send_denial_response(answer)
 
 
 class StreamConnection:
-    """One client. Its messages are handled as they arrive. It gets only the newest state; it may miss
-    others.
+    """The connection of one client. Messages are handled as they arrive. Only the newest state is sent, so
+    the client may miss others.
     """
 
     def __init__(self, socket: WebSocket, services: Services, timeout_s: float) -> None:
@@ -150,13 +150,15 @@ class StreamConnection:
         self._answer("error", code=error.code, detail=str(error), **details, **self._place)
 
     def _tell_refused(self, error: CobotError) -> None:
-        """Report a refused message. `audit.require` reports an insufficient role."""
+        """Report a rejected message, unless the role was insufficient, which `audit.require` reports."""
         about = self._place["about"]
         if about in MOVING and not isinstance(error, AuthenticationError | PermissionDenied):
             audit.report_refusal(f"{about} on the stream", error.code, str(error))
 
     async def _send(self) -> None:
-        """Send messages to the client, answers before states. A state is read only when it can be sent."""
+        """Send messages to the client, answers before states. A state is read only when the connection is
+        ready for it.
+        """
         socket = self._socket
         try:
             while True:

@@ -31,7 +31,9 @@ Part = dict[str, Any]
 
 
 class StartStudy(RequestModel):
-    """A study as in its file, without files and functions. Its process checks which keys its kind has."""
+    """A study, as in a study file but without files and functions. The process that computes it checks the
+    keys.
+    """
 
     model_config = example(
         {
@@ -47,7 +49,9 @@ class StartStudy(RequestModel):
     )
     seed: int | None = Field(None, ge=0, lt=2**63, description="Seed of all random numbers. Default: 0.")
     metric: str | None = Field(None, max_length=100, description="The metric that decides the answer.")
-    robot: Part | None = Field(None, description="Further objects, and another tool than the current one.")
+    robot: Part | None = Field(
+        None, description="Additional objects, and a tool to use in place of the current one."
+    )
     space: Part | None = Field(None, description="Places or parameters.")
     targets: Part | None = Field(None, description="For placement: the places that the arm must reach.")
     method: str | None = Field(None, max_length=100, description="For reach: ik, free or lin.")

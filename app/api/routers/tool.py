@@ -38,7 +38,7 @@ async def tool(request: Request) -> ToolAnswer:
 async def change_tool(body: ChangeTool, request: Request) -> ToolAnswer:
     """Set the tool, completely or not at all.
 
-    After the response, every motion is planned with the mass, the TCP and the shapes of this tool. The
+    Motions requested after the response are planned with the mass, the TCP and the shapes of this tool. The
     real-time process and the simulation include its weight. The tool is kept across restarts. It can be
     changed only while the arm is at rest.
     """

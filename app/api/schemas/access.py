@@ -21,7 +21,7 @@ class CreateToken(RequestModel):
 
     name: str = Field(
         pattern=NAME,
-        description="Name of a person or a program, for logs and the audit: letters, digits and . _ @ -",
+        description="Name of a person or program, for the log and the audit log: letters, digits and . _ @ -",
     )
     role: RoleName = Field(
         description="Role of its holder. Each role includes the rights of the previous one."

@@ -1,5 +1,5 @@
-"""The reason why there is no motion, as JSON: results of the checks, and changes that were tried or that
-work.
+"""The reason why there is no motion, as JSON: the failed checks, the changes that work, and those that do
+not.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ Details = Annotated[
     dict[str, Any] | None,
     Field(
         exclude_if=not_,
-        description="Of some codes: facts for programs, see docs/conventions.md. Missing in other answers.",
+        description="Further values for programs, only with some codes; see docs/conventions.md.",
     ),
 ]
 

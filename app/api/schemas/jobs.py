@@ -79,7 +79,7 @@ class JobAnswer(BaseModel):
     actions: list[ActionAnswer] = Field(description="Results of the actions on the path.")
     waits_for: str | None = Field(description="The condition that the motion is waiting for.")
     stopped_by: str | None = Field(description="The condition that has ended the motion.")
-    contact: ContactAnswer | None = Field(description="The moment at which it was met.")
+    contact: ContactAnswer | None = Field(description="The state of the arm when the condition was met.")
     created_at: datetime = Field(description="Time of the request.")
     started_at: datetime | None = Field(description="Time when the first motion began.")
     ended_at: datetime | None = Field(
@@ -153,7 +153,7 @@ class NewGoal(RootModel[AnyMotion]):
 
 
 class RetargetAnswer(BaseModel):
-    """The place at which the arm leaves its former path, and the motion from there."""
+    """Where the arm leaves its former path, and the motion from there."""
 
     job: str = Field(description="Id of the job, which continues.")
     motion_id: int = Field(description="Number of the motion, which stays the same.")
@@ -161,8 +161,8 @@ class RetargetAnswer(BaseModel):
         description="Time at planned speed until the arm leaves its former path; 0 if it already has."
     )
     settled_in_s: float = Field(
-        description="Time at planned speed until only the new motion counts. Until then it is added to the "
-        "former one, which slows down."
+        description="Time at planned speed until the arm follows only the new motion. Until then the new "
+        "motion is added to the former one, which slows down."
     )
     joints: list[float] = Field(description="Joint positions where the arm leaves its former path, rad.")
     duration_s: float = Field(description="Time from there to the new goal, at planned speed.")

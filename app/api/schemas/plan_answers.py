@@ -152,8 +152,8 @@ class PlanningAnswer(BaseModel):
     )
     first_duration_s: float = Field(description="Duration of the first motion, s.")
     tries: int = Field(
-        description="Number of other motions that were tried. A number of tries, on any "
-        "computer, gives the same motion."
+        description="Number of other motions that were tried. The same number of tries gives the same motion "
+        "on any computer."
     )
     improvements: int = Field(description="Number of tries that found a faster motion.")
     lower_bound_s: float | None = Field(
@@ -225,7 +225,7 @@ class RehearsalAnswer(BaseModel):
     )
 
     plan_id: str = Field(description="Id of the plan.")
-    runs_through: bool = Field(description="true: the arm arrives and settles, and there is no `problem`.")
+    runs_through: bool = Field(description="true: the arm arrives and settles without a `problem`.")
     duration_s: float = Field(
         description="Duration at full speed until the arm settled or the motion ended otherwise, s."
     )

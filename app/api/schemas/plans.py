@@ -66,7 +66,7 @@ class KeptPlan(BaseModel):
     signals: list[str] = Field(
         description="Actions on the path, conditions of the motion and commands to the gripper, as sentences."
     )
-    expires_in_s: float = Field(description="Remaining time that the plan is kept, s.")
+    expires_in_s: float = Field(description="Time until the plan is deleted, s.")
     approved_by: str | None = Field(
         description="The client that has approved one run by an agent; null: not approved."
     )

@@ -6,7 +6,7 @@ from pydantic import BaseModel, Field
 
 
 class ReasonFields(BaseModel):
-    """What programs need in order to translate a reason or react to it (docs/conventions.md)."""
+    """The parts of a reason with which programs can translate it or react to it (docs/conventions.md)."""
 
     reason_code: str = Field("", description="Code of the reason; empty without a reason or a code.")
     reason_of: str = Field("", description="Names of the joint or links concerned, between commas.")

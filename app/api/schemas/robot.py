@@ -1,6 +1,6 @@
-"""Answers about the arm as JSON, and the related requests.
+"""Answers and requests about the arm, as JSON.
 
-Requests for motions, which files can contain too, are in `cobot.motions.bodies`.
+Requests for motions are in `cobot.motions.bodies`, because files contain them too.
 """
 
 from __future__ import annotations
@@ -68,7 +68,9 @@ class MoveAnswer(BaseModel):
     )
     actions: list[ActionAnswer] = Field([], description="Results of the actions on the path.")
     stopped_by: str | None = Field(None, description="The condition that has ended the motion.")
-    contact: ContactAnswer | None = Field(None, description="The moment at which it was met.")
+    contact: ContactAnswer | None = Field(
+        None, description="The state of the arm when the condition was met."
+    )
     details: Details = None
 
 

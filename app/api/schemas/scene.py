@@ -26,7 +26,9 @@ FIELDS = {
 }
 """Fields that each shape requires, unless it uses the fields in `ENCODED`."""
 ENCODED = {"mesh": ("file",), "point_cloud": ("points_base64", "voxel")}
-"""Fields that a shape requires instead, if the first of these fields is given."""
+"""Alternative fields of a shape. If the first one is given, the shape requires these instead of those in
+`FIELDS`.
+"""
 OPTIONAL = {"mesh": ("scale", "tolerance"), "height_field": ("floor", "step")}
 SHAPE_FIELDS = list(
     dict.fromkeys(name for each in (FIELDS, ENCODED, OPTIONAL) for names in each.values() for name in names)

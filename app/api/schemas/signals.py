@@ -28,7 +28,7 @@ class ActionAnswer(BaseModel):
 
 
 class ContactAnswer(BaseModel):
-    """The moment at which the condition `until` was met."""
+    """The state of the arm when the condition `until` was met."""
 
     model_config = example(
         {

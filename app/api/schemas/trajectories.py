@@ -25,7 +25,9 @@ MOVE_TO_START = "true: first move to the first point by ptp; false: the arm must
 
 
 class TrajectoryPoint(RequestModel):
-    """Positions of the joints at a time. Missing rates are those of a smooth curve through all points."""
+    """Positions of the joints at a time. Velocities and accelerations that are not given come from a smooth
+    curve through all points.
+    """
 
     positions: list[Finite] = Field(max_length=64, description="Joint positions, rad.")
     time_from_start: Finite = Field(ge=0.0, description="s")
@@ -109,5 +111,5 @@ class SentAnswer(BaseModel):
     smoothed_rad: float = Field(0.0, description="Maximum deviation of the motion from the curve, rad.")
     stretch: float = Field(1.0, description="Duration of the motion relative to that of the points.")
     slowed_s: Annotated[list[float], Field(min_length=2, max_length=2)] | None = Field(
-        None, description="Interval of the points' times in which the motion is slower than they require."
+        None, description="Time range of the points in which the motion is slower than requested."
     )

@@ -12,7 +12,7 @@ from cobot.errors import ConflictError, DeviceError, DeviceTimeout, InputError, 
 from cobot.strict import shown
 
 BUFFER_BYTES = 65_536
-"""Maximum number of received bytes that wait to be read. When it is reached, the sender must wait."""
+"""Maximum number of received bytes that have not been read. When it is reached, the sender must wait."""
 MAX_OPEN = 32
 MAX_NAME = 200
 TIMEOUT_S = 2.0
@@ -104,7 +104,7 @@ class Channel:
     async def _until(self, end: bytes) -> bytes:
         try:
             return await self._reader.readuntil(end)
-        except asyncio.LimitOverrunError as exc:  # the buffer would stay full for ever
+        except asyncio.LimitOverrunError as exc:  # otherwise the buffer would stay full
             await self._reader.readexactly(exc.consumed)
             raise DeviceError(f"{self.name}: no {end!r} in {exc.consumed} bytes, which are dropped") from exc
 
@@ -135,10 +135,11 @@ class Channels:
     def __init__(self, kind: str) -> None:
         self._kind = kind
         self._open: dict[str, Channel] = {}
-        self._opened_by: dict[str, str] = {}  # the program that opened each channel, if a program did
+        # for each channel that a program has opened: the program's token
+        self._opened_by: dict[str, str] = {}
         self._ended: deque[str] = deque(
             maxlen=MAX_OPEN
-        )  # ended programs whose last request may still be in progress
+        )  # programs that have ended, but whose last request may still be in progress
 
     def get(self, name: str) -> Channel:
         """Return the channel with this name.
@@ -166,7 +167,7 @@ class Channels:
             raise ConflictError(f"{MAX_OPEN} of the kind {self._kind} are already open, which is the maximum")
 
     def add(self, name: str, channel: Channel) -> None:
-        """Keep the channel, unless the name has been taken in the meantime."""
+        """Add the channel, unless the name has been taken in the meantime."""
         try:
             self.require_place(name)
             program = CLIENT.get().sequence
@@ -186,9 +187,7 @@ class Channels:
         self._opened_by.pop(name, None)
 
     def close_left_open(self, token: str) -> None:
-        """Close the channels that a program has opened and not closed, regardless of how the program
-        ended.
-        """
+        """Close the channels that a program has left open, regardless of how it ended."""
         self._ended.append(token)
         for name in [name for name, program in self._opened_by.items() if program == token]:
             self.close(name)

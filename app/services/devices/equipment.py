@@ -1,4 +1,4 @@
-"""The equipment of one robot: registers, named variables, inputs and outputs, devices, and messages for
+"""The equipment of one robot: registers, named variables, inputs and outputs, devices, and messages to
 people.
 """
 
@@ -22,12 +22,12 @@ STOP_TIMEOUT_S = 4.0
 
 
 class WatchdogAction(IntEnum):
-    """What happens when a watchdog expires. A message is written in any case."""
+    """The action that a watchdog runs when it expires. A message is written in any case."""
 
     NONE = 0
-    PAUSE = 1  # the motion comes to rest on its path
+    PAUSE = 1  # the arm stops on its path
     STOP = 2  # program and motion end
-    PROTECTIVE_STOP = 3  # program and motion end, and nothing moves until it is unlocked
+    PROTECTIVE_STOP = 3  # the program and the motion end, and nothing moves until it is unlocked
 
 
 class Equipment:
@@ -35,7 +35,7 @@ class Equipment:
 
     Attributes:
         simulated: whether the arm is simulated.
-        registers, variables, io, modbus, sockets, serial_ports, traces: the parts of the equipment, see their
+        registers, variables, io, modbus, sockets, serial_ports, traces: the parts of the equipment; see their
             classes.
     """
 
@@ -80,6 +80,6 @@ class Equipment:
                 case WatchdogAction.PROTECTIVE_STOP:
                     self._link.request_estop()
                     await self._stopping.stop(STOP_TIMEOUT_S, reason)
-        except CobotError as exc:  # motions that cannot pause have to stop
+        except CobotError as exc:  # a motion that cannot pause must stop
             self.traces.add("alarm", f"watchdog {name}: {exc}; the arm is stopped", Level.ERROR)
             await self._stopping.stop(STOP_TIMEOUT_S, reason)

@@ -1,7 +1,7 @@
-"""Runs a gripper's driver in a separate thread, so that nothing else waits for the device.
+"""Runs a gripper's driver in a separate thread, so that the event loop never waits for the device.
 
-The thread connects, passes commands on, and reads the state repeatedly. If the driver raises an exception, it
-is reported as a problem in words, and the thread connects again after increasingly long pauses.
+The thread connects, passes commands to the driver, and reads the state repeatedly. If the driver raises an
+exception, the worker reports it as a problem and connects again, after increasingly long pauses.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from cobot.robot.io_points import IoPoint, output_of, require_number
 IDLE_PERIOD_S = 0.1
 """Interval between readings of a gripper that neither moves nor holds an object, s."""
 BUSY_PERIOD_S = 0.01
-"""Interval between readings of a gripper that moves or holds an object, s, unless its driver sets another
-one.
+"""Interval between readings of a gripper that moves or holds an object, s. A driver may set a different
+interval.
 """
 BACKOFF_S = (0.1, 3.0)
 """The first and the longest pause between two attempts to connect, s. Each pause is twice the previous
@@ -77,8 +77,8 @@ class NotReported(GripperError):
 
 
 class RobotPort:
-    """The robot's inputs and outputs as a driver sees them: their values from before the call of the driver's
-    method, and the outputs that the method sets.
+    """The robot's inputs and outputs as a driver sees them: the values reported before the current call of
+    the driver, and the outputs that this call sets.
 
     Attributes:
         points: inputs and outputs by name, as the robot has reported them; None before its first report.
@@ -168,11 +168,11 @@ class GripperWorker:
         return self.reading.problem
 
     def ask(self, start: Start) -> asyncio.Future[int]:
-        """Make the driver start a command, after all earlier ones.
+        """Queue the start of a command, after all earlier ones.
 
         Returns:
-            A future. Its result is the number of the last reading before the command; later readings show the
-                command's effect. If the device rejects the command, its exception is a GripperError with the
+            A future. Its result is the number of the last reading before the command; later readings show its
+                effect. If the device rejects the command, the future's exception is a GripperError with the
                 reason.
         """
         future: asyncio.Future[int] = asyncio.get_running_loop().create_future()
@@ -181,7 +181,7 @@ class GripperWorker:
         return future
 
     def tell(self, start: Start) -> asyncio.Future[int]:
-        """Like `ask`, but an error is also logged, so that the caller need not wait for the result."""
+        """Like `ask`, but errors are logged, so that the caller need not wait for the result."""
         asked = self.ask(start)
         asked.add_done_callback(self._log_error)
         return asked
@@ -227,8 +227,8 @@ class GripperWorker:
             future.set_result(self.reading.number)
 
     async def _call(self, method: Callable[[Gripper], Result]) -> tuple[str, Result | None]:
-        """Call the driver. Repeat the call until the robot has reported the points that the driver uses.
-        Returns the problem, or "", and the result.
+        """Call the driver, repeatedly until the robot has reported the points that it uses. Returns the
+        problem ("" if there is none) and the result.
         """
         latest_s = self._link.clock.now_s() + FIRST_REPORT_S
         while True:
@@ -238,8 +238,8 @@ class GripperWorker:
             await asyncio.sleep(BUSY_PERIOD_S)
 
     async def _call_once(self, method: Callable[[Gripper], Result]) -> tuple[str, Result | None, bool]:
-        """Like `_call`, but call only once. The last returned value is false if the driver needed a report
-        that is missing.
+        """Like `_call`, but call the driver only once. The last returned value is false if the driver needed
+        a report that the robot has not sent yet.
         """
         report, reported = self._link.io(), True
         self._port.points = None if report is None else {each.name: each for each in report.points}
@@ -261,7 +261,7 @@ class GripperWorker:
         return problem, None, reported
 
     async def _in_thread(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        """Run a function in the driver's thread. `problem` reports a call that does not return."""
+        """Run a function in the driver's thread. While it hangs, `problem` reports this."""
         self._calling_since_s = self._link.clock.now_s()
         try:
             return await asyncio.get_running_loop().run_in_executor(self._thread, function, *arguments)

@@ -1,6 +1,4 @@
-"""Simulated digital and analog inputs and outputs. The value of each is the last one that a client has
-written.
-"""
+"""Simulated digital and analog inputs and outputs. Each has the value that a client wrote last."""
 
 from __future__ import annotations
 
@@ -9,7 +7,7 @@ from dataclasses import dataclass
 from cobot.errors import InputError, LimitError, NotSupportedError
 
 DIGITAL = {"standard": 16, "tool": 4, "configurable": 8}
-"""Number of inputs and number of outputs in each group. They are numbered from 0."""
+"""Number of inputs, and also of outputs, in each group. They are numbered from 0."""
 ANALOG = {"standard": 4, "tool": 2}
 RANGES = ((0.004, 0.020, "A"), (0.0, 10.0, "V"))
 """Range and unit of an analog input or output, by domain. Domain 0 is current, domain 1 is voltage."""

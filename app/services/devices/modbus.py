@@ -15,7 +15,7 @@ ADDRESS = REGISTER = 65_535
 
 
 class Modbus:
-    """All signals by name. The connection to a device is open as long as signals for it exist."""
+    """All signals by name. The connection to a device is open as long as it has signals."""
 
     def __init__(self) -> None:
         self._devices: dict[tuple[str, int], ModbusDevice] = {}
@@ -87,7 +87,7 @@ class Modbus:
         return list(self._signals.values())
 
     def value(self, name: str) -> int:
-        """Return the last value that was read from the device.
+        """Return the value that was last read from the device.
 
         Raises:
             NotFoundError: there is no such signal, or its device does not answer; the error gives the reason.

@@ -82,7 +82,7 @@ class ModbusDevice:
         self.read_soon()
 
     def read_soon(self) -> None:
-        """Check at once which signals are due, because a signal has changed."""
+        """Wake the reading task, because a signal was added or its frequency has changed."""
         self._more.set()
 
     def close(self) -> None:
@@ -115,7 +115,7 @@ class ModbusDevice:
                     await asyncio.sleep(delay_s)
                     delay_s = min(2.0 * delay_s, longest_s)
                     continue
-                if not told:  # a device may close its connections repeatedly
+                if not told:  # logged only once, because a device may close its connections repeatedly
                     log.info("modbus %s: connected", self)
                 told = True
             delay_s = BACKOFF_S[0]

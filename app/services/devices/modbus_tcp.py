@@ -1,8 +1,8 @@
 """Sends Modbus TCP requests, one at a time, and checks the answers strictly.
 
 Sources: MODBUS Application Protocol V1.1b3 and MODBUS Messaging on TCP/IP V1.0b, modbus.org. An answer that
-violates these specifications is an error. If it is then unknown where the next answer starts, the connection
-is closed.
+violates these specifications is an error. If the start of the next answer is then unknown, the connection is
+closed.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ class ModbusConnection:
         return self._streams is not None
 
     async def connect(self) -> None:
-        """Connect. Raises OSError (including TimeoutError) if this fails, or ValueError for an invalid host
-        name.
+        """Connect. Raises OSError (such as TimeoutError) if this fails, or ValueError if the host name is
+        invalid.
         """
         async with asyncio.timeout(TIMEOUT_S):
             self._streams = await asyncio.open_connection(self._host, self._port, limit=4 * MAX_LENGTH)
@@ -88,7 +88,7 @@ class ModbusConnection:
                     raise _wrong_answer(unit)
                 body = await reader.readexactly(length)
         except TimeoutError:
-            self.close()  # a late answer must not count as the answer to the next request
+            self.close()  # a late answer must not be taken for the answer to the next request
             raise DeviceError(f"unit {unit} has not answered within {TIMEOUT_S:g} s") from None
         except asyncio.IncompleteReadError:
             self.close()

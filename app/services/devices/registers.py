@@ -17,7 +17,7 @@ COUNT = 128
 """Number of registers of each kind in a bank. They are numbered from 0."""
 BANKS = ("input", "output", "register")
 KINDS: dict[str, Any] = {"bool": False, "int16": 0, "int32": 0, "float": 0.0, "double": 0.0}
-"""The kinds of registers, with their initial values."""
+"""The kinds of registers, with the initial value of each."""
 MAX_VARIABLES = 10_000
 MAX_NAME = 200
 MAX_STRING = 65_536
@@ -165,8 +165,8 @@ class Variables:
         return self._watchdogs.get(name)
 
     def watch(self, name: str, timeout_s: float, action: int) -> None:
-        """Start a watchdog, which executes an action whenever the variable is not written for this time. A
-        time of 0 s deletes the watchdog.
+        """Start a watchdog, which executes an action if the variable is not written for `timeout_s`. A
+        timeout of 0 s deletes the watchdog.
 
         Raises:
             InputError: the name is too long.

@@ -20,7 +20,7 @@ MAJORS = frozenset({4, 136, 166, 188, 204})
 drivers.
 """
 CONSOLES = 64
-"""Number of minor device numbers under major number 4 that are consoles. The serial ports follow them."""
+"""Number of consoles under major number 4. The minor device numbers of serial ports begin after them."""
 PARITIES = (serial.PARITY_NONE, serial.PARITY_ODD, serial.PARITY_EVEN)
 STOP_BITS = (1.0, 1.5, 2.0)
 OPEN_TIMEOUT_S = 5.0
@@ -73,7 +73,7 @@ class SerialPorts(Channels):
 
 
 class _Port(asyncio.ReadTransport):
-    """Passes the bytes that a port receives to a StreamReader, but never more than the reader can hold."""
+    """Passes the bytes that a port receives to a StreamReader, but no more than the reader can hold."""
 
     def __init__(self, port: Any) -> None:
         super().__init__()
@@ -121,8 +121,8 @@ class _Port(asyncio.ReadTransport):
 
 
 def _device(device: str) -> Path:
-    """Return the file of a serial port. It is checked without opening it, because opening a FIFO waits for
-    its other end, and opening some devices has side effects.
+    """Return the file of a serial port, after checking it. The check does not open the file, because opening
+    a FIFO waits for its other end, and opening some devices has side effects.
     """
     try:
         path = Path(device).resolve()

@@ -31,7 +31,7 @@ class SimulationService:
         link = self._link
         state = await link.await_fresh_state(TIMEOUT_S)
         named = link.device()
-        if named is None:  # The arm may be real, and then its e-stop must stay latched.
+        if named is None:  # The arm may be real. Its e-stop must then stay latched.
             raise ConflictError(
                 "the capabilities of the robot's backend cannot be read: try again in a second"
             )

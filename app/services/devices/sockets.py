@@ -36,7 +36,7 @@ class Sockets(Channels):
             raise DeviceError(f"{where}: {exc}") from exc
 
         async def write(data: bytes) -> None:
-            # send the data of an earlier call first, otherwise they would accumulate
+            # wait until the data of earlier calls has been sent; otherwise it would accumulate
             await writer.drain()
             writer.write(data)
             await writer.drain()

@@ -1,6 +1,4 @@
-"""Messages from programs, clients and the service for people. The number of messages that are kept is
-limited.
-"""
+"""Messages from programs, clients and the service to people. Only the newest are kept."""
 
 from __future__ import annotations
 
@@ -18,7 +16,7 @@ log = logging.getLogger("cobot.trace")
 
 
 class Level(StrEnum):
-    """Severity of a message. The values are the names in messages."""
+    """Severity of a message. The values are the names that clients see."""
 
     INFO = "info"
     WARNING = "warning"
@@ -36,7 +34,7 @@ _LOGGED = {
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A message for people.
+    """A message to people.
 
     Attributes:
         number: consecutive number, from 1.

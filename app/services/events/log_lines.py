@@ -12,9 +12,7 @@ from cobot.logs.lines import Line
 
 
 class _LogEvents(logging.Handler):
-    """A log handler that publishes log lines as events. Any thread may use it. The ring limits the number of
-    events.
-    """
+    """A log handler that publishes log lines as events. Any thread may use it. `Events` limits their rate."""
 
     def __init__(self, events: Events) -> None:
         super().__init__(logging.WARNING)
@@ -27,7 +25,7 @@ class _LogEvents(logging.Handler):
             self._loop.call_soon_threadsafe(self._publish, line)
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
-        """Ignore the error, because logging it would create another line."""
+        """Ignore the error, because logging it would cause another event."""
 
     def _publish(self, line: Line) -> None:
         self._events.publish(

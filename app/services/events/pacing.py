@@ -1,6 +1,7 @@
 """Wakes listeners in small groups.
 
-Waking hundreds at once would take too long: targets from a controller and stops must be handled in between.
+Waking hundreds at once would take too long, because targets from a controller and stops must be handled in
+between.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ class Pacing:
         self._renewing = False
 
     def wake(self, listener: asyncio.Event, loop: asyncio.AbstractEventLoop) -> None:
-        """Set the event of a listener, now or in one of the next iterations of the event loop."""
+        """Set a listener's event, now or in a later iteration of the event loop."""
         if self._left > 0 and not self._waiting:
             self._set(listener, loop)
         else:

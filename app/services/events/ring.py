@@ -1,8 +1,8 @@
 """Numbered events: one ring in memory for the whole service.
 
 Each event is converted to text once, when it happens. A listener is only a position in the ring, so a slow
-listener costs no memory and does not delay other listeners. Events that are overwritten before a listener has
-read them are reported as `lost`.
+listener costs no memory and does not delay other listeners. If events are overwritten before a listener has
+read them, the listener gets the event `lost`.
 
 The ring may only be used on the event loop, not from threads.
 """
@@ -57,11 +57,11 @@ CAPACITY_BYTES = 4 * 2**20
 """Maximum size of all kept events, in bytes."""
 BURST, PER_S = 400, 40.0
 """Rate limit for events of one type and robot: the size of a burst, and the rate per second. It prevents a
-client that calls /stop in a loop from pushing other events out of the ring. The next event that is published
-states how many events were dropped.
+client that calls /stop in a loop from pushing other events out of the ring. The next published event states
+how many events were dropped.
 """
 LOG_BURST, LOG_PER_S = 20, 2.0
-"""Rate limit for events that client errors cause, which are log lines and rejected requests."""
+"""Rate limit for events that client errors cause: log lines and rejected requests."""
 SAID_OF_CLIENTS = ("log", "refused")
 PLACE = re.compile(r"(?:([0-9a-f]{8})-)?([0-9]{1,20})")
 
@@ -84,7 +84,7 @@ class Event:
 
 
 class Throttle:
-    """A rate limiter that lets a burst pass, and then a limited number of events per second."""
+    """A rate limiter that admits a burst, and then a limited number of events per second."""
 
     def __init__(self, burst: int, per_s: float, now_s: Callable[[], float]) -> None:
         self._burst, self._per_s, self._now_s = burst, per_s, now_s
@@ -92,8 +92,8 @@ class Throttle:
         self._held_back = 0
 
     def passes(self) -> int | None:
-        """Check whether an event may pass. Returns the number of events that were dropped since the last one
-        that passed; None if this event may not pass.
+        """Decide whether to publish an event. Returns the number of events dropped since the last published
+        one; None if this event must be dropped.
         """
         now_s = self._now_s()
         self._left = min(self._burst, self._left + (now_s - self._seen_s) * self._per_s)
@@ -110,9 +110,10 @@ class Events:
     """The ring of events.
 
     Attributes:
-        epoch: id of this run of the service. Epoch and number together identify an event permanently.
+        epoch: id of this run of the service. Together with the epoch, a number identifies an event
+            permanently.
         newest: number of the newest event; 0 before the first event.
-        on_news: function that is called after each event, and after the ring was closed.
+        on_news: function that is called after each event, and when the ring is closed.
         closed: whether the ring is closed.
         pacing: wakes the listeners.
         lost: total number of events that listeners have lost.
@@ -133,7 +134,7 @@ class Events:
 
     @property
     def oldest(self) -> int:
-        """Number of the oldest event that is kept; if the ring is empty, the number of the next event."""
+        """Number of the oldest kept event; if there is none, the number of the next event."""
         return self.newest + 1 - len(self._kept)
 
     def publish(self, kind: str, robot: str = "", /, **data: Any) -> None:
@@ -175,7 +176,7 @@ class Events:
             return json.dumps(without_nan(content))
 
     def close(self) -> None:
-        """Publish that the service shuts down. After that every listener ends too."""
+        """Publish that the service is shutting down, and end all listeners."""
         if not self.closed:
             self.publish("service", what="ends")
             self.closed = True
@@ -189,15 +190,15 @@ class Events:
         return [self._kept[index] for index in range(offset, min(offset + most, len(self._kept)))]
 
     def place(self, after: str | None) -> tuple[int, bool]:
-        """Find the number of the event after which a listener continues, and whether it is from an earlier
-        run of the service.
+        """Return the number of the event after which a listener continues, and whether `after` is from an
+        earlier run of the service.
 
         Args:
             after: "EPOCH-NUMBER" of an event, or a number from this run. None means that the listener gets
                 only new events.
 
         Raises:
-            InputError: `after` is in a different form, or there is no such event yet.
+            InputError: `after` is in a different form, or the event has not happened yet.
         """
         if after is None:
             return self.newest, False

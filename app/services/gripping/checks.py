@@ -1,4 +1,4 @@
-"""Checks of a request to the gripper, before anything moves."""
+"""Checks of a gripper request, before anything moves."""
 
 from __future__ import annotations
 

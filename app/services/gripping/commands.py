@@ -15,7 +15,7 @@ from cobot.motions.gripper_bodies import AnyGripperCommand, GripperGrasp, Grippe
 from cobot.reasons import Reason, ReasonCode
 
 ARRIVED_M = 0.003
-"""Width tolerances at the end of a move: a distance, m, and a share of the stroke. The larger one applies."""
+"""Tolerance of the width at the end of a move: m, and a share of the stroke. The larger one applies."""
 ARRIVED_SHARE = 0.03
 
 
@@ -24,7 +24,7 @@ class Running:
     """A running command.
 
     Attributes:
-        stops: number of stops when the command began. A later stop ends the command.
+        stops: number of stops when the command began. If it has increased since, the command is ended.
         latched: whether an e-stop or a fault was latched when the command began.
     """
 
@@ -37,7 +37,7 @@ class Running:
     news: asyncio.Event = field(default_factory=asyncio.Event)
 
     def interrupt(self, cause: ExecutionError) -> None:
-        """End the command. If this is called several times, the first cause is kept."""
+        """End the command. Only the cause from the first call is kept."""
         self.interruption = self.interruption or cause
         self.news.set()
 
@@ -75,8 +75,8 @@ class GripperReport:
 
 
 def missed(state: GripperState) -> CobotError | None:
-    """Return the reason why nothing is held after a grasp; None if an object is held, or if this is
-    unknown.
+    """Return the error for a grasp that holds nothing; None if an object is held, or if the gripper cannot
+    detect it.
     """
     if state.object is None or state.object.is_held:
         return None
@@ -96,7 +96,7 @@ def _failed(words: str, code: ReasonCode, width: float | None, expected: float =
 def shortfall(
     command: AnyGripperCommand, state: GripperState, able: GripperCapabilities
 ) -> CobotError | None:
-    """Return the reason why an ended command has not reached its goal; None if it has reached it."""
+    """Return the error for an ended command that has not reached its goal; None if it has reached it."""
     if isinstance(command, GripperGrasp):
         nothing = missed(state)
         if nothing is None and state.width is not None and not grasp_of(command).permits(state.width):

@@ -15,7 +15,7 @@ from cobot.grippers import GripperState
 from cobot.reasons import Reason, ReasonCode
 
 MIN_WAIT_S = 0.001
-"""Minimum time of a wait, s. Without it, rounding could lead to waits of length zero."""
+"""Minimum duration of a wait, s. Without it, rounding could cause waits of zero length."""
 
 
 async def follow(

@@ -29,7 +29,7 @@ from cobot.robot.scene import Scene, SceneObject
 from cobot.types import RESTING, Array
 
 REACH_M = 0.01
-"""Maximum distance between the TCP and an object that counts as between the fingers, m."""
+"""An object is between the fingers if its distance from the TCP is at most this, m."""
 AGAIN_S = 0.02
 
 log = logging.getLogger("cobot.gripper")
@@ -43,7 +43,8 @@ class HeldService:
 
     Attributes:
         name: name of the held object or part; None if nothing is held.
-        context: context of the client that sent the last gripper command. The scene changes on its behalf.
+        context: context of the client that sent the last gripper command. Changes of the scene are attributed
+            to this client.
     """
 
     def __init__(
@@ -94,17 +95,17 @@ class HeldService:
         return before
 
     async def follow(self) -> None:
-        """Wait until the held object is in the scene, unless this change is postponed until the arm is at
-        rest.
+        """Wait until the change of the held object is in the scene. Return at once if it is postponed until
+        the arm is at rest.
 
-        Without this wait the client's next motion would be rejected, because the change is still using the
-        robot.
+        Without this wait, the client's next motion would be rejected, because the robot is busy with the
+        change.
         """
         while self._task is not None and not self._postponed:
             await asyncio.wait({self._task}, timeout=AGAIN_S)
 
     async def settle(self) -> None:
-        """Make a postponed change now, before the next motion."""
+        """Make a postponed change now, because a motion is about to begin."""
         if self._task is not None and (self._changing or self._arm_rests()):
             self._postponed = False
             await self.follow()
@@ -146,7 +147,7 @@ class HeldService:
                     try:
                         await self._step(self._attached, self.name)
                         continue
-                    except ConflictError as exc:  # the arm moves again, or another client has control
+                    except ConflictError as exc:  # the arm is moving again, or another client has control
                         log.debug("the held object: %s", exc)
                     finally:
                         self._changing = False
@@ -174,13 +175,13 @@ class HeldService:
                 return
             put = [] if part is None else [scene.put_object(new, part, self._robot.base_frame)]
             touch = await asyncio.to_thread(self._touched, new, put)
-            if put:  # the part may touch fixtures, because it will be put down on one
+            if put:  # the part may touch fixtures, because it will be placed on one
                 touch = sorted({*touch, *self._fixtures})
             await scene.change([*put, scene.attach(new, touch)], moves_hand=True, name="grasp")
             self._attached = new
 
     def _touched(self, name: str, put: Sequence[Edit]) -> list[str]:
-        """List the bodies that the object touches at its place: the fingers, and the object's support.
+        """List the bodies that the object touches at its current pose: the fingers and its support.
 
         Args:
             put: the changes that add the object to the scene.
@@ -202,8 +203,8 @@ class HeldService:
 
 
 def distance_m(item: SceneObject, point: Array) -> float:
-    """Distance of a point in the base frame from an object, m; 0 inside the object. For compound shapes it is
-    the distance from the bounding box.
+    """Return the distance of a point in the base frame from an object, m; 0 inside the object. For compound
+    shapes: the distance from the bounding box.
     """
     local = Pose.from_numbers(item.pose).inverse().apply(point)
     x, y, z = local.tolist()

@@ -39,10 +39,10 @@ class PathCommands:
         self._gripper.check(GripperRequest.of(fields, VALID).command)
 
     def begin(self, fields: Mapping[str, Any]) -> None:
-        """Begin the command and return at once. Its job reports the result.
+        """Begin the command and return at once. The command's job reports its result.
 
         Raises:
-            CobotError: the gripper rejects the command. Its job has failed with this reason.
+            CobotError: the gripper rejects the command. The command's job has failed with the same reason.
         """
         request = GripperRequest.of(fields, VALID)
         job = self._ownership.new_job(JobKind.GRIPPER, f"{NAME}: {request.words}")

@@ -1,7 +1,7 @@
 """Gripper commands as jobs. Only one command runs at a time, and a new command replaces the current one.
 
-The arm may move at the same time. A stop ends the command, but the gripper keeps holding an object, unless
-`on_stop` is `open`.
+The arm may move at the same time. A stop ends the command, but the gripper continues to hold an object,
+unless `on_stop` is `open`.
 """
 
 from __future__ import annotations
@@ -62,8 +62,7 @@ log = logging.getLogger("cobot.gripper")
 
 
 class GripperService:
-    """The gripper of one robot. A robot without a gripper also has this service, which then rejects every
-    request.
+    """The gripper service of one robot. For a robot without a gripper, it rejects every request.
 
     Attributes:
         on_reading: function that is called after each report from the driver.
@@ -137,7 +136,7 @@ class GripperService:
         )
 
     async def run(self, name: str, command: AnyGripperCommand, caller: Caller) -> GripperOutcome:
-        """Execute a command, and return when it has ended. The current command ends first.
+        """Execute a command, and return when it has ended. This ends the current command.
 
         Args:
             name: move, grasp, release or home.
@@ -237,7 +236,7 @@ class GripperService:
         if self._ownership.stops != caller.stops:
             raise StopReason("a stop was requested while the request was being read", by="").error
         if isinstance(command, GripperRelease):
-            return  # a jammed object must be released in any case
+            return  # a jammed object must always be releasable
         if self._is_latched(False):
             state = self._link.state()
             raise NotReadyError(f"mode {state.mode.name}: {state.reason}; remove the cause, then reset it")
@@ -262,7 +261,7 @@ class GripperService:
             worker.tell(lambda gripper: gripper.stop())
 
     def _note(self, command: AnyGripperCommand, state: GripperState, *, good: bool) -> None:
-        """Publish the objects that a finished command has grasped or released."""
+        """Publish that a finished command has grasped or released an object."""
         if isinstance(command, GripperGrasp):
             if good and missed(state) is None:
                 self._note_grasp(state)
@@ -270,7 +269,7 @@ class GripperService:
             if good and state.object is not None and state.object.is_held:
                 self._note_grasp(state)
         elif state.object is None and self._holds and isinstance(command, GripperRelease | GripperHome):
-            self._holds = False  # such a gripper does not detect that it no longer holds an object
+            self._holds = False  # this gripper does not detect whether it holds an object
             self._note_release()
 
     def _note_grasp(self, state: GripperState) -> None:
@@ -310,11 +309,11 @@ class GripperService:
             else:
                 self._note_release()
         elif holds and not self._holds and self._running is None:
-            self._note_grasp(state)  # commanded by a service that was killed meanwhile
+            self._note_grasp(state)  # grasped for a service that was then killed
         self._holds = holds
 
     def _adopt(self, state: GripperState) -> None:
-        """Take over an object that was in the gripper when an earlier run of the service ended."""
+        """Note an object that was already in the gripper when an earlier run of the service ended."""
         if state.object is None:
             self._holds = self._held.name is not None
         elif not state.object.is_held:
@@ -327,7 +326,7 @@ class GripperService:
         self._tell("released", object=name)
 
     def _lose(self) -> None:
-        """Report an object that was lost: it is gone although no command released it."""
+        """Report that an object is gone although no command has released it."""
         self._lost = True
         name = self._held.release()
         self._tell("lost", object=name, stops=self._options.on_loss == "stop")

@@ -1,5 +1,5 @@
-"""Decides which plans agents may run: plans that an operator has approved and, if the settings permit it,
-plans within a fence.
+"""Decides which plans agents may run: those that an operator has approved and, if the settings permit, those
+within a fence.
 """
 
 from __future__ import annotations
@@ -53,9 +53,7 @@ class Approvals:
         return plan
 
     def approved_by(self, plan_id: str) -> str | None:
-        """Return the client that approved a plan that has not run since then; None if the plan is not
-        approved.
-        """
+        """Return the client that has approved a plan, if the plan has not run since; None otherwise."""
         return self._by.get(plan_id)
 
     async def execute(self, plan_id: str, caller: Caller) -> Outcome:
@@ -66,7 +64,7 @@ class Approvals:
         """
         fence = self.permit(self._plans.get(plan_id))
         if fence is None:
-            del self._by[plan_id]  # before any wait, because an approval is valid for only one run
+            del self._by[plan_id]  # before anything is awaited, because an approval is valid for only one run
         return await self._plans.execute(plan_id, caller, fence)
 
     def permit(self, plan: Plan) -> Fence | None:

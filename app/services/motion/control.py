@@ -16,14 +16,14 @@ from cobot.errors import CobotError, ConflictError
 
 @dataclass(frozen=True, slots=True)
 class ControlStatus:
-    """The state of a robot's control.
+    """State of the control of a robot.
 
     Attributes:
         held: whether a client has control.
         holder, address: name and address of the client that has control. None if no client has control, or if
             a process that streams through shared memory has it. For such a process only `what` is known.
         how: "explicit" with a lease, "implicit" with a running motion.
-        what: the request that is moving the arm now.
+        what: the request that is moving the arm.
         since: time when control was taken, if known.
         until: time when the lease ends, if nothing moves until then.
         speed_fraction: speed override, as a share of the planned speed.
@@ -46,7 +46,7 @@ class Taken:
     Attributes:
         token: token of the lease.
         former: the client that had control until now; None if control was free.
-        stopped: description of that client's request, if one was ended.
+        stopped: description of the request that was stopped; None if there was none.
     """
 
     token: str
@@ -55,7 +55,7 @@ class Taken:
 
 
 class ControlService:
-    """Manages control of one robot, for the client on whose behalf the current task runs."""
+    """Manages control of one robot, for the client of the current task."""
 
     def __init__(self, link: RobotLink, ownership: Ownership, stopping: StopService) -> None:
         self._link = link
@@ -87,7 +87,7 @@ class ControlService:
         """Take control, or renew the lease.
 
         Args:
-            timeout_s: time without motion after which the lease ends, s.
+            timeout_s: time without a motion after which the lease ends, s.
             force: take control over. The current motion ends, and the former holder is notified.
             stop_s: timeout for the arm to stop when control is taken over, s.
 
@@ -102,7 +102,8 @@ class ControlService:
             self._require_free(client)
             return Taken(lease.take(client, timeout_s).token, None, [])
         former = self._former()
-        token = lease.take(client, timeout_s).token  # before the stop, to be ahead of other clients
+        # before the stop, so that no other client can take control meanwhile
+        token = lease.take(client, timeout_s).token
         if not former and ownership.owner is None:
             return Taken(token, None, [])
         reason = StopReason(f"{client} has taken control", "taken_over")
@@ -123,7 +124,7 @@ class ControlService:
         self._ownership.lease.release(CLIENT.get())
 
     async def set_control(self, wanted: bool) -> tuple[bool, str]:
-        """Take or release control. Return whether this was possible, and the reason if it was not."""
+        """Take or release control. Returns whether this succeeded, and the reason if it did not."""
         try:
             if wanted:
                 await self.take()
@@ -138,7 +139,7 @@ class ControlService:
         self._ownership.lease.drop_client(client)
 
     def end_if_revoked(self) -> None:
-        """Release the lease if the access token of its client has been deleted or has expired."""
+        """Release the lease if its client's access token has been deleted or has expired."""
         self._ownership.lease.end_if_revoked()
 
     def _require_free(self, client: RequestClient) -> None:

@@ -73,7 +73,7 @@ class _Keys:
     numbered: bool
 
     def of(self, name: str) -> str:
-        """Return the key for a column's name; the name itself if it has no key."""
+        """Return the key for a column's name; for an unknown name, the name itself."""
         if name.lower() in TIME_NAMES:
             return TIME_NAMES[0]
         if self.numbered:
@@ -84,10 +84,10 @@ class _Keys:
 
 
 def _keys(header: list[str], joints: Sequence[str]) -> _Keys:
-    """Return the column names with the robot's own joint names if the header contains one of them, otherwise
-    the column names with joint numbers.
+    """Return the valid column names: with the robot's own joint names if the header contains one of them,
+    otherwise with joint numbers.
 
-    So for a robot with joints joint_0 to joint_5, `joint_1` is never mistaken for the first joint.
+    This way, if the robot's joints are joint_0 to joint_5, `joint_1` is not mistaken for the first joint.
     """
     own = [name.lower() for name in joints]
     numbered = own == [f"joint{n}" for n in range(1, len(own) + 1)] or not any(

@@ -23,8 +23,8 @@ SEPARATORS = (";", "\t", ",")
 WHITESPACE = " "
 HEADER_BYTES = LINE_CHARACTERS = 65536
 DECIMAL_COMMAS = 1.5
-"""Maximum ratio of the number of cells in a row to the number of cells in the header. If the ratio is
-larger, decimal commas have probably split numbers.
+"""Maximum ratio of the number of cells in a row to that in the header. If a row has more, decimal commas have
+probably split numbers.
 """
 NO_DECIMAL_COMMA = "decimal commas are allowed only if semicolons separate the columns: write 0.5"
 ONE_POINT = "write numbers without thousands separators, and all with the same decimal sign"
@@ -45,15 +45,15 @@ class _Numbers:
         self._first: dict[str, str] = {}
 
     def read(self, cell: str, row: int, index: int) -> float:
-        """Convert a cell to a number. Raises InputError if it is not a number; the error gives the cell, its
-        content and what to write.
+        """Convert a cell to a number. Raises InputError if it is not a number; the error names the cell, its
+        content and the valid form.
         """
         place = f"row {row}, column {self._names[index]}"
         if self._decimal_comma and ("," in cell or "." in cell):
             self._require_one_sign(cell, place)
         text = cell.replace(",", ".") if self._decimal_comma else cell
         try:
-            # Python would read 1_0 as ten, and the digits of every script.
+            # Python would also accept 1_0 and the digits of other scripts.
             value = float(text) if "_" not in text and text.strip().isascii() else math.nan
         except ValueError:
             value = math.nan
@@ -67,7 +67,7 @@ class _Numbers:
 
     def _require_one_sign(self, cell: str, place: str) -> None:
         """Check that all cells use the same decimal sign. A cell with both signs, such as `1.234,5`, is
-        rejected. Otherwise the first cell that differs from the earlier ones is rejected.
+        rejected. A cell whose sign differs from that of earlier cells is rejected, too.
         """
         for sign in ",.":
             if sign in cell:
@@ -85,17 +85,17 @@ def read_points(
 ) -> list[Waypoint]:
     """Read the waypoints of a CSV file. Each is labelled with its row; the header is row 1.
 
-    Columns may be in any order and in upper or lower case. Required columns are the positions (rad), named by
-    the robot's own joint names, or joint1 or joint_1 and so on; and one of t, time, time_from_start (s).
-    Optional columns are velocity_NAME or velocity1 and so on (rad/s), and acceleration_NAME or acceleration1
-    and so on (rad/s²). If the separator is ";", numbers may use a decimal comma.
+    Columns may be in any order and in upper or lower case. Required columns are the positions (rad), with the
+    robot's own joint names, joint1 ... or joint_1 ..., and one of t, time, time_from_start (s). Optional
+    columns are velocity_NAME or velocity1 ... (rad/s), and acceleration_NAME or acceleration1 ... (rad/s²).
+    If the separator is ";", numbers may use a decimal comma.
 
     Args:
         joints: the robot's joint names, from the base to the flange.
         separator: separator of the cells. None: find it in the header (semicolon, tab, comma, otherwise white
             space).
-        check: function that is called with the first point, before the others are read. Its errors are passed
-            on.
+        check: function that is called with the first point before the others are read, and may raise an
+            error.
 
     Raises:
         InputError: the file is invalid. The error gives the row, the column and the content.
@@ -115,10 +115,11 @@ def read_points(
 
 
 def _require_few(file: BinaryIO) -> None:
-    """Reject a file with too many rows before parsing it, because parsing the maximum number takes a second.
+    """Reject a file with too many rows before parsing it, because even the maximum number takes a second to
+    parse.
 
-    This counts lines, so it skips files with quoted cells, which may contain line breaks; `_points` checks
-    them.
+    The check counts lines. It skips files with quoted cells, which may contain line breaks; `_points` checks
+    those.
 
     Raises:
         InputError: the file has more rows than permitted.
@@ -126,7 +127,7 @@ def _require_few(file: BinaryIO) -> None:
     ends = 0
     while (chunk := file.read(CHUNK_BYTES)) and b'"' not in chunk:
         here = chunk.count(b"\n")
-        if ends + here > MAX_ROWS:  # the header is also a line
+        if ends + here > MAX_ROWS:  # `ends` includes the header
             behind = chunk.split(b"\n", max(MAX_ROWS + 1 - ends, 0))[-1]
             start = len(chunk) - len(behind)
             if digit := _DIGIT.search(chunk, start):
@@ -201,7 +202,7 @@ def _spaced_rows(file: BinaryIO) -> Generator[tuple[int, list[str]]]:
 def _rows(file: BinaryIO, separator: str) -> Generator[tuple[int, list[str]]]:
     """Yield the line number and the cells of each row. The file is read as a stream."""
     text = io.TextIOWrapper(file, encoding="utf-8-sig", newline="")
-    # Spaces before a quote are not part of a value, unless they are the separator.
+    # Spaces before a quote are not part of the value, unless a space is the separator.
     reader = csv.reader(_lines(text), delimiter=separator, skipinitialspace=separator != " ", strict=True)
     try:
         while True:
@@ -216,7 +217,7 @@ def _rows(file: BinaryIO, separator: str) -> Generator[tuple[int, list[str]]]:
                 raise InputError(f"row {number}: not CSV: {exc}") from exc
             yield number, row
     finally:
-        text.detach()  # the file is the caller's to close
+        text.detach()  # the caller closes the file
 
 
 def _lines(text: io.TextIOWrapper) -> Iterator[str]:

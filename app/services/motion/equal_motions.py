@@ -30,10 +30,12 @@ log = logging.getLogger("cobot.sync")
 
 @dataclass(frozen=True, slots=True)
 class RobotTarget:
-    """The target of one robot, rad, and the limits of its fastest joint, rad/s and rad/s².
+    """The target of one robot, rad, and the velocity and acceleration limits of its fastest joint, rad/s and
+    rad/s².
 
     Attributes:
-        stops: `RobotLink.stops` of this robot at the time of the request. A later stop ends the motion.
+        stops: `RobotLink.stops` of this robot at the time of the request. If it has changed since, the motion
+            is stopped.
     """
 
     joints: Array
@@ -46,7 +48,7 @@ class EqualMotions:
     """Plans motions of equal duration for several robots, starts them and follows them to their end.
 
     Args:
-        robots: the robots by name. The mapping is read for each request.
+        robots: the robots by name. The mapping is read again for each request.
     """
 
     def __init__(self, robots: dict[str, Services]) -> None:
@@ -60,13 +62,13 @@ class EqualMotions:
             await asyncio.wait(tasks)
 
     async def move(self, targets: dict[str, RobotTarget]) -> None:
-        """Start a motion of several robots. All take as long as the slowest one. Returns when all motions
+        """Start a motion of several robots, with the duration of the slowest one. Returns when all motions
         have begun.
 
         Raises:
-            ConflictError, NotReadyError, UnavailableError: one robot cannot move. No robot has moved.
+            ConflictError, NotReadyError, UnavailableError: one of the robots cannot move. No robot has moved.
             PlanningError: the motion of one robot cannot be planned. No robot has moved.
-            ExecutionError: one motion was rejected or stopped. All robots have been stopped.
+            ExecutionError: one of the motions was rejected or stopped. All robots have been stopped.
         """
         for name, target in targets.items():
             if self._robots[name].link.stops != target.stops:
@@ -109,7 +111,7 @@ class EqualMotions:
         )
         ways = {name: way for name, way in zip(targets, planned, strict=True) if way is not None}
         while paused := [claim for claim in claims.values() if claim.speed_override.paused]:
-            # No robot starts while another one is paused.
+            # No robot may start while another one is paused.
             await paused[0].run_interruptibly(paused[0].speed_override.opened.wait())
         fractions = {name: claims[name].speed_override.fraction for name in ways}
         takes_s = {name: way.duration_s / fractions[name] for name, way in ways.items()}
@@ -150,7 +152,7 @@ class EqualMotions:
 
 @contextlib.contextmanager
 def _in_step(overrides: list[SpeedOverride]) -> Iterator[None]:
-    """While the context is open, none of the robots pauses alone."""
+    """While the context is open, no robot can be paused alone."""
     for override in overrides:
         override.others = tuple(other for other in overrides if other is not override)
     try:

@@ -46,11 +46,11 @@ from cobot.types import Array, LoopMode, PlannerName
 REST_TIMEOUT_S = 5.0
 """Timeout for the arm to stop when a motion is stopped, s."""
 STATE_TIMEOUT_S = 1.5
-"""Timeout for a new state from rtloop during a motion, s. It is less than the two seconds within which the
-client must be informed of a problem.
+"""Timeout for a new state from rtloop during a motion, s. It is below two seconds, within which the client
+must learn of a problem.
 """
 LATEST_ANSWER_S = ACKNOWLEDGE_S + STATE_TIMEOUT_S + REST_TIMEOUT_S + 1.0
-"""Maximum delay of the answer after the motion's timeout, s. It is the sum of all waits and the time for
+"""Maximum delay of the answer after the motion's timeout, s: the sum of all waits, and the time for
 sending.
 """
 MAX_BUDGET_SHARE = 0.5
@@ -80,11 +80,11 @@ class MotionService:
         self.command_gripper: CommandGripper = _no_gripper
 
     async def require_ready(self) -> RobotState:
-        """Wait for a state from which a motion may start, and return it.
+        """Wait until the arm may start a motion, and return its state.
 
         Raises:
             UnavailableError: see `RobotLink.await_ready_state`.
-            ConflictError: the arm is still executing a motion whose client has disconnected.
+            ConflictError: the arm is still executing the motion of a client that has disconnected.
         """
         state = await self._link.await_ready_state(STATE_TIMEOUT_S)
         if state.mode is not LoopMode.HOLD:
@@ -95,7 +95,7 @@ class MotionService:
         return state
 
     async def plan(self, claim: Claim, request: PlanRequest, timeout_s: float) -> Trajectory | None:
-        """Plan a motion for a claim. An interruption of the claim kills the planning process."""
+        """Plan a motion for a claim. If the claim is interrupted, the planning process is killed."""
         try:
             work = partial(plan_motion, request=request)
             return await claim.run_interruptibly(self._planning.compute(work, timeout_s))
@@ -105,8 +105,8 @@ class MotionService:
     async def plan_goal(
         self, claim: Claim, request: MotionRequest, timeout_s: float
     ) -> tuple[Trajectory | None, Planned]:
-        """Plan a motion for a claim within the request's time budget, see `plan_within_budget`. An
-        interruption of the claim ends planning, and discards the plans made so far.
+        """Plan a motion for a claim within the request's time budget, see `plan_within_budget`. If the claim
+        is interrupted, planning ends and the plans made so far are discarded.
         """
         budget_s = min(request.budget_s, MAX_BUDGET_SHARE * timeout_s)
         if budget_s <= 0.0:
@@ -128,13 +128,13 @@ class MotionService:
         return await asyncio.to_thread(TcpWay, trajectory, self._robot.model.chain)
 
     def follower(self, signals: Placed, motion_id: int, job: Job | None) -> SignalFollower:
-        """Make a follower for the signals of a motion, or of a part of it."""
+        """Make a follower for the signals of a whole motion or of a part of it."""
         name = "" if job is None else job.id
         return SignalFollower(self._link, signals, motion_id, self.command_gripper, name)
 
     def resting_leg(self, joints: Array) -> Leg:
-        """Make a motion of zero length for an arm that is already at the goal, so that actions and conditions
-        have a path.
+        """Make a motion of zero length for an arm that is already at the goal, because actions and conditions
+        need a path.
         """
         return Leg(resting(joints), self._robot.limits, None)
 
@@ -150,8 +150,8 @@ class MotionService:
         follower for the motion's signals; None if there are no signals or the caller follows them itself.
 
         Args:
-            followed: function for a caller that follows the signals itself. It is called with the motion
-                number.
+            followed: function that is called with the motion's number, for a caller that follows the signals
+                itself.
 
         Raises:
             ExecutionError, UnavailableError, InputError: see `Commands.start`.
@@ -164,7 +164,7 @@ class MotionService:
         changed_s = self.scene_changed_s
         await self.require_free_since(claim.since_s, trajectory)  # the motion may have been planned earlier
         claim.proceed()
-        tool = self._robot.model.carried.version  # it cannot change while there is a claim
+        tool = self._robot.model.carried.version  # the tool cannot change while there is a claim
         claim.motion_id = await self._link.commands.start(trajectory, claim.stops, tool, fence, signals)
         claim.trajectory = trajectory
         logs.bind(motion=claim.motion_id)
@@ -177,7 +177,7 @@ class MotionService:
                 claim.job.follow_signals(lambda: follower.results)
             claim.job.start(claim.motion_id, trajectory)
         await claim.speed_override.begin_motion()
-        if self.scene_changed_s != changed_s:  # the motion may have waited until rtloop had the scene
+        if self.scene_changed_s != changed_s:  # the scene may have changed while the motion waited for rtloop
             await self._interrupt_on_contact(claim, trajectory)
         return follower
 
@@ -211,7 +211,8 @@ class MotionService:
         claim.trajectory = trajectory
         if claim.job is not None:
             claim.job.prolong(trajectory)
-        if checked_s <= self.scene_changed_s:  # the scene may have been checked against the trajectory before
+        # the trajectory may already have been checked with the current scene
+        if checked_s <= self.scene_changed_s:
             await self._interrupt_on_contact(claim, trajectory)
 
     async def require_free_since(self, since_s: float, trajectory: Trajectory) -> None:
@@ -224,7 +225,9 @@ class MotionService:
             await self._require_free(trajectory)
 
     async def _interrupt_on_contact(self, claim: Claim, trajectory: Trajectory) -> None:
-        """Interrupt a motion that collides in the scene that came into force while it was handed over."""
+        """Interrupt a motion that collides in a scene that has changed while the motion was being sent to
+        rtloop.
+        """
         try:
             await self._require_free(trajectory)
         except CollisionError as exc:
@@ -241,10 +244,9 @@ class MotionService:
             signals: signals of the motion.
 
         Raises:
-            ExecutionError: the arm did not reach the goal. The class and the text of the error give the
-                reason.
-            ConditionNotMet: the arm reached the goal, although the condition `until` should have ended the
-                motion earlier.
+            ExecutionError: the arm did not reach the goal. The error's class and text give the reason.
+            ConditionNotMet: the arm reached the goal, but the condition `until`, which should have ended the
+                motion, was not met.
             UnavailableError: rtloop no longer publishes.
         """
         state, waits_for = await self._await_end(claim, signals)
@@ -274,14 +276,13 @@ class MotionService:
         fence: Fence | None = None,
         begin_s: float = 0.0,
     ) -> None:
-        """Move back in a straight line along a motion that has been ended by its condition `until`.
+        """Move back in a straight line after a motion that its condition `until` has ended.
 
         Args:
             begin_s: path time of the trajectory at which the motion began.
 
         Raises:
-            ExecutionError: the retraction is not possible, or the arm has not reached the end of the
-                retraction.
+            ExecutionError: the arm cannot retract, or has not reached the end of the retraction.
         """
         contact = signals.contact
         assert contact is not None
@@ -309,8 +310,8 @@ class MotionService:
         signals.note_retraction(contact_m - there_m)
 
     async def _await_end(self, claim: Claim, signals: FollowsSignals | None) -> tuple[RobotState, str]:
-        """Wait for the first state after the motion. Returns this state and the condition for which the
-        motion waited. An interruption stops the motion.
+        """Wait for the first state after the motion. Returns it with the condition for which the motion was
+        waiting. If the claim is interrupted, the motion is stopped.
         """
         clock, give_up_s = self._link.clock, math.inf
         begun_s, waits_for = clock.now_s(), ""
@@ -318,11 +319,11 @@ class MotionService:
             try:
                 state = await self._link.await_fresh_state(STATE_TIMEOUT_S)
             except UnavailableError:
-                self._link.request_stop()  # rtloop must not continue a motion that no client owns
+                self._link.request_stop()  # rtloop must not continue a motion that has no client
                 raise
             if state.motion_id != claim.motion_id:
-                # The state is from the cycle before the acknowledgement, or rtloop has died before publishing
-                # one.
+                # Ignore states from before the acknowledgement, or from an rtloop that died before it
+                # published a newer one.
                 if state.published_s > begun_s:
                     raise ExecutionError("rtloop was restarted; the motion has not begun")
             elif state.motion_result is not MotionResult.RUNNING:

@@ -1,4 +1,4 @@
-"""The zero point of forces and torques: their measured values while nothing touches the arm."""
+"""The zero of forces and torques: the values measured while nothing touches the arm."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from cobot.robot.description import RobotDescription
 from cobot.types import Array, LoopMode
 
 SAMPLES, SAMPLE_S = 50, 0.004
-"""Number of measurements whose mean is the zero point, and the interval between them, s."""
+"""Number of measurements that are averaged, and the interval between them, s."""
 STILL_RAD_S = 0.01
-"""Maximum velocity at which a joint counts as at rest, rad/s. The arm need not have settled, because a force
-may be pushing it.
+"""A joint is at rest up to this velocity, rad/s. The arm need not have settled, because a force may be
+pushing it.
 """
 ROWS = {Quantity.FORCE: "wrench", Quantity.TORQUE: "wrench", Quantity.JOINT: "external_effort"}
 """For each quantity in a condition, the measured values that the device must report."""
@@ -39,7 +39,7 @@ class Zero:
 
 
 class ForceZero:
-    """Keeps the zero point of one robot. It is valid until it is set again or the service restarts."""
+    """Keeps the zero point of one robot, until it is measured again or the service restarts."""
 
     def __init__(self, robot: RobotDescription, link: RobotLink) -> None:
         self._robot = robot
@@ -74,8 +74,8 @@ class ForceZero:
         """Return the signals of a motion that begins now, including the zero point.
 
         Raises:
-            ConflictError: the signals need the zero point, but it was not measured, or the tool has changed
-                since then.
+            ConflictError: the signals need the zero point, but it has not been measured, or the tool has
+                changed since the measurement.
         """
         until = placed.until
         if until is None or not until.from_zero:
@@ -96,7 +96,7 @@ class ForceZero:
         return replace(condition, zero=zero)
 
     def require_measured(self, quantity: Quantity, what: str) -> DeviceReport:
-        """Check that the device measures the quantity in a condition. Return the device.
+        """Check that the device measures the quantity in a condition, and return the device's report.
 
         Raises:
             NotSupportedError: the device does not measure the quantity. The error lists what it measures.

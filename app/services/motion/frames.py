@@ -1,6 +1,4 @@
-"""Named frames. They form a tree in which the pose of each frame is given in its parent. The root is the
-world.
-"""
+"""Named frames. They form a tree, whose root is the world. Each frame's pose is given in its parent frame."""
 
 from __future__ import annotations
 
@@ -19,7 +17,7 @@ MAX_NAME = 200
 
 @dataclass(slots=True)
 class Frame:
-    """A frame, with its pose in its parent."""
+    """A frame, with its pose in the parent frame."""
 
     parent: str
     pose: Pose
@@ -48,7 +46,8 @@ class Frames:
         self._frames[name] = Frame(parent, pose)
 
     def attach(self, name: str, parent: str) -> None:
-        """Attach a frame, with its descendants, to a different parent. Its pose in the world stays the same.
+        """Attach a frame, with its descendants, to a different parent. The frame's pose in the world stays
+        the same.
 
         Raises:
             NotFoundError: there is no such frame or parent.
@@ -110,7 +109,7 @@ class Frames:
         return self._in_world(reference).inverse() @ self._in_world(name)
 
     def way_up(self, name: str) -> list[str]:
-        """Yield this frame and its ancestors, without the world."""
+        """Yield the frame's name and those of its ancestors, without the world."""
         way = []
         while name != WORLD:
             way.append(name)

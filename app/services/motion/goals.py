@@ -18,12 +18,11 @@ from cobot.types import Array, JointLimits, NamedPosition, Pose
 TOOL = "tool"
 """The frame_id that means the TCP frame."""
 NOWHERE = Pose.from_abc(*[0.0] * 6)
-"""Placeholder for the target of an arc that is defined by its angle and so has no target pose."""
+"""Placeholder for the target of an arc that is defined by its angle and therefore has no target pose."""
 
 
 class Goals:
-    """Resolves the goals of one robot: it knows the named positions and frames, and converts goals into
-    requests to planners.
+    """Converts goals for one robot into planning requests. Looks up its named positions and frames.
 
     Attributes:
         taught: named positions in addition to those from the SRDF, by name.
@@ -54,7 +53,7 @@ class Goals:
         Args:
             name: field name, for error messages.
             limits: the robot's own limits, or tighter ones.
-            checked: whether the limits are checked here. If not, planning checks them.
+            checked: whether to check the limits here. If false, planning checks them.
 
         Raises:
             InputError: the number of angles differs from the number of the robot's joints.
@@ -73,7 +72,7 @@ class Goals:
             goal: a goal whose poses and points are in `frame`, which is "tool" or a frame of `Goals.frame`.
 
         Raises:
-            InputError: the frame is unknown or moves, or a field is impossible for this robot.
+            InputError: the frame is unknown or moves, or this robot does not support a field.
         """
         check_for_robot(goal, self._robot)
         if (frame or self._settings.default_frame) == TOOL:
@@ -87,11 +86,10 @@ class Goals:
         return pose if place is None else place @ pose
 
     def frame(self, frame: str) -> Pose | None:
-        """Return the pose of a frame in the base frame; None for the base frame itself. The frame must not
-        move with the joints.
+        """Return the pose of a fixed frame in the base frame; None for the base frame itself.
 
         Raises:
-            InputError: there is no such frame, or it moves.
+            InputError: there is no such frame, or it moves with the joints.
         """
         base, model = self._robot.base_frame, self._robot.model
         name = frame or self._settings.default_frame

@@ -1,7 +1,7 @@
 """Plans within a time budget: first one motion, then faster ones.
 
-A planning process improves a motion for a short time and then returns it. In between, the process is free for
-other tasks, and a motion that has been found is not lost if the process is killed.
+A planning process improves a motion for a short time and then returns it. So the process is free for other
+tasks in between, and if it is killed, the last returned motion remains.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from cobot.trajectory import Trajectory
 
 Result = TypeVar("Result")
 SLICE_S = 0.1
-"""Time for which a process improves a motion before it returns the motion, s. The last attempt in this time
-slice may take longer.
+"""Time for which a process improves a motion before it returns the motion, s. The last attempt may take
+longer.
 """
 MIN_SLICE_S = 0.002
-"""Time below which a slice is not worth its transfer to a process, s."""
+"""Minimum duration of a slice, s. For a shorter one, sending the motion to a process does not pay."""
 OVERTIME_S = 1.0
-"""Time to wait for a slice after the end of the budget, s. Other requests may occupy all planning processes,
-and an attempt may take a long time.
+"""How long to wait for a slice after the end of the budget, s. All planning processes may be busy, and an
+attempt may take a long time.
 """
 
 log = logging.getLogger("cobot.planning")
@@ -52,10 +52,10 @@ async def plan_within_budget(
     budget_s: float,
 ) -> Trajectory | Improving | None:
     """Plan a motion, and use the rest of the budget, s, to find faster ones. If the scene or the tool changes
-    meanwhile, planning starts over.
+    in the meantime, planning starts over.
 
     Raises:
-        CobotError: an error of `plan_first`.
+        CobotError: any error that `plan_first` raises.
     """
     until_s = clock.now_s() + budget_s
     while True:
@@ -81,9 +81,9 @@ async def improve_within(
     budget_s: float,
     is_unchanged: Callable[[], bool],
 ) -> Trajectory | Improving:
-    """Search for faster motions for a given time, s, and return the fastest one. The search ends early when
-    no faster motion can be found, the scene or the tool has changed, or no planning process is free. It ends
-    at most `OVERTIME_S` late.
+    """Search for faster motions for `budget_s`, and return the fastest one. The search ends early when no
+    faster motion can be found, the scene or the tool has changed, or no planning process is free. It ends at
+    most `OVERTIME_S` late.
     """
     until_s, left_s = clock.now_s() + budget_s, budget_s
     while request.traits.way is Way.SEARCH and left_s >= MIN_SLICE_S and is_unchanged():

@@ -1,4 +1,4 @@
-"""Executes motions from the request to the result: planning, execution and outcome."""
+"""Plans and executes requested motions, and reports their results."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ Join = Callable[[RobotDescription], Blended]
 class Outcome:
     """The result of a motion request. `error` is None if the arm has arrived and settled.
 
-    `note` is the trajectory's note, `signals` contains the results of its actions and conditions, and
-    `planned` rates the plan of a single motion.
+    `note` is the trajectory's note, `signals` has the results of its actions and conditions, and `planned` is
+    the rating of the plan of a single motion.
     """
 
     error: CobotError | None
@@ -126,7 +126,7 @@ class MoveService:
         plan: Callable[[MotionRequest], Awaitable[Trajectory | None]],
         join: Callable[[Join], Awaitable[Blended]],
     ) -> JoinedMoves:
-        """Plan several motions and join them to one.
+        """Plan several motions and join them into one.
 
         Args:
             start: start of the first motion, shape (dof,), rad.
@@ -139,7 +139,7 @@ class MoveService:
         requests: list[MotionRequest] = []
         motions: list[Trajectory] = []
         radii: list[float] = []
-        parts: list[int] = []  # for each goal, the number of motions that lead to it
+        parts: list[int] = []  # number of motions up to each goal
         for number, (goal, radius) in enumerate(zip(goals, [*radii_m, *[0.0] * len(goals)], strict=False), 1):
             request = self._goals.request(goal, start)
             try:
@@ -154,7 +154,8 @@ class MoveService:
                 motions.append(motion)
                 radii.append(radius)
                 start = motion.end
-            elif radii:  # It ends where the previous move ends, so only its radius counts.
+            # This motion ends where the previous one ends, so its radius replaces the previous one.
+            elif radii:
                 radii[-1] = min(radii[-1], radius)
             parts.append(len(motions))
         signals = tuple(goal.signals for goal in goals)
@@ -166,8 +167,8 @@ class MoveService:
 
     async def place(self, course: JoinedMoves, start: Array) -> tuple[Trajectory | None, Placed]:
         """Return the trajectory to run from `start`, shape (dof,), rad, and its actions and conditions; see
-        `place_signals`. If the arm is already at the goal, the trajectory is at rest if there are actions or
-        conditions, otherwise None.
+        `place_signals`. If the arm is already at the goal, the trajectory is a motion of zero length if there
+        are actions or conditions, and None otherwise.
         """
         if not any(course.signals):
             return course.trajectory, NO_PLACED
@@ -206,14 +207,14 @@ class MoveService:
         fence: Fence | None = None,
         signals: Placed = NO_PLACED,
     ) -> Outcome:
-        """Run a planned motion and wait for its end. The outcome states whether the arm has reached the goal,
-        or the reason why it has not.
+        """Run a planned motion and wait for its end. The outcome states whether the arm has reached the goal
+        and, if not, why.
 
         Args:
             trajectory: None if there is nothing to move.
-            require: function that raises an error if the commanded joints, shape (dof,), rad, are not at the
-                start of the motion, or if anything else has changed since planning. It is called once the
-                claim is held.
+            require: function that is called once the claim is held, with the commanded joint positions, shape
+                (dof,), rad. It raises an error if they are not at the start of the motion, or if anything
+                else has changed since planning.
             fence: the fence that the TCP may not leave.
             signals: actions and conditions of the motion.
 
@@ -245,7 +246,9 @@ class MoveService:
         begun: _Begun,
         fence: Fence | None = None,
     ) -> None:
-        """Start a motion and follow it to its end. If no client is waiting, there is no timeout."""
+        """Start a motion and follow it to its end. There is no timeout if no client is waiting for the
+        result.
+        """
         follower = begun.follower = await self._motion.start(claim, trajectory, fence, begun.signals)
         if not caller.waits:
             watch.close()

@@ -1,4 +1,4 @@
-"""A planned motion or gripper command, and the check whether its preconditions still hold."""
+"""A planned motion or gripper command, with a check whether its preconditions still hold."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 
 START_TOLERANCE_RAD = 1e-6
-"""Maximum distance of a joint from the start of a plan, rad. A plan is run unchanged, so an offset would be a
-jump.
+"""Maximum distance of a joint from the start of a plan, rad. A plan is run unchanged, so the command would
+jump by this distance.
 """
 QUEUED_TOLERANCE_RAD = 1e-9
-"""Maximum distance of a joint from the start of a plan in the queue, rad, where the plan follows another
-motion without a stop. It only allows for rounding.
+"""Maximum distance of a joint from the start of a queued plan, rad. The plan follows another motion directly,
+so this only allows for rounding.
 """
 
 
@@ -40,11 +40,11 @@ class Plan:
         planners: the planners that were requested.
         by: the client that requested the plan.
         motions: number of motions in the plan.
-        to_run: the trajectory that is run; None if the plan has neither a motion nor an action.
+        to_run: the trajectory to run; None if the plan has neither a motion nor an action.
         signals: actions and conditions on the path.
         gripper: the gripper command, if the plan is a gripper command; None for a motion.
         goal: the request, if the plan consists of one motion.
-        found: the planned motion in the form from which a faster one can be searched; None if there is no
+        found: the planned motion, in the form that the search for a faster one needs; None if there is no
             motion.
         planning_s: duration of planning, s.
     """

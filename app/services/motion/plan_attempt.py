@@ -16,11 +16,11 @@ from cobot.robot.description import RobotDescription
 from cobot.types import Array
 
 ANSWER_S = 1.0
-"""Part of an endpoint's timeout that the search for alternatives does not use, s. It is reserved for
-unfinished work and for the answer.
+"""Part of an endpoint's timeout that the search for alternatives leaves for unfinished work and for the
+answer, s.
 """
 MIN_COMPUTE_S = 0.01
-"""Minimum time for a planning process, s, even if less of the endpoint's timeout remains."""
+"""Minimum time that a planning process gets, s, even if less of the endpoint's timeout remains."""
 
 Result = TypeVar("Result")
 
@@ -73,7 +73,7 @@ class PlanAttempt:
             return await self._planning.compute(work, max(self._left_s(), MIN_COMPUTE_S))
 
     async def of(self, request: MotionRequest, work: Callable[[RobotDescription], Result]) -> Result:
-        """Return the result of `work` for the request. If it fails, the failure is explained if there is
+        """Return the result of `work` for the request. If it fails, the error gets an explanation if there is
         time.
         """
         if self.asked.start is not None and request.start is self.begin:
@@ -90,7 +90,7 @@ class PlanAttempt:
 
     @property
     def spare_s(self) -> float:
-        """Remaining time without the time for the answer, s."""
+        """Remaining time minus the time for the answer, s."""
         return self._left_s() - ANSWER_S
 
     def _left_s(self) -> float:

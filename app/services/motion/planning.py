@@ -20,9 +20,7 @@ from cobot.robot.tool import BARE, Tool
 
 POLL_S = 0.02
 ATTEMPTS = 2
-"""Maximum number of workers that begin the same task. It is limited because the task itself may have crashed
-the first one.
-"""
+"""Maximum number of workers that get the same task, because the task itself may be what crashes them."""
 
 Result = TypeVar("Result")
 
@@ -36,9 +34,8 @@ class PlanningStatus:
     Attributes:
         state: "ready", "starting" while there is no worker yet, or "failed" while none can be started.
         workers: the configured number of workers.
-        usable, busy: number of workers that can work, and number of workers that have a task.
-        replaced: number of workers that have ended or were suspended, although the service did not request
-            it.
+        usable, busy: number of working processes, and number of those that have a task.
+        replaced: number of workers that have ended or were suspended without a request of the service.
         problem: reason why no worker can be started; "" if workers can be started.
     """
 
@@ -74,7 +71,8 @@ class PlanningService:
         chosen = {"--config": config, "--robot": robot}
         self._arguments = [part for name, value in chosen.items() if value for part in (name, str(value))]
         self._pool = PlanningPool(self._arguments, workers, blanks)
-        self._known: list[tuple[Scene, Tool, Preparation]] = []  # the current scene and a coming one
+        # for the current scene and possibly the next one
+        self._known: list[tuple[Scene, Tool, Preparation]] = []
 
     def warm_up(self) -> None:
         """Start the workers in advance, so that the first plan does not wait for their imports."""
@@ -108,21 +106,21 @@ class PlanningService:
     async def compute(
         self, work: Callable[[RobotDescription], Result], timeout_s: float, scene: Scene | None = None
     ) -> Result:
-        """Run a picklable function with the robot in a worker, and return its result. Cancelling this kills
-        the worker.
+        """Run a picklable function with the robot in a worker, and return its result. If the call is
+        cancelled, the worker is killed.
 
-        If the worker is lost, or the scene or the tool changes meanwhile, the function runs once more. This
-        is safe because planning moves nothing.
+        If the worker is lost, or the scene or the tool changes in the meantime, the function runs once more,
+        which is safe because planning moves nothing.
 
         Args:
-            timeout_s: timeout for the whole: waiting for a free worker, the work, and a possible repetition.
+            timeout_s: total timeout: the wait for a free worker, the work, and a possible repetition.
             scene: a scene that is not in force yet; None for the current one.
 
         Raises:
             PlanningTimeout: the worker did not finish in time.
-            PlanningError: the workers that ran the function have ended.
+            PlanningError: all workers that ran the function have ended.
             UnavailableError: no worker can be started, or no worker was free in this time.
-            CobotError: the function raised this error.
+            CobotError: any error that the function raises.
         """
         asked_s, lost = asyncio.get_running_loop().time(), 0
         while True:
@@ -146,10 +144,10 @@ class PlanningService:
             log.info("the scene or the tool has changed during planning: planning again")
 
     async def prepare(self, scene: Scene | None = None, processes: int | None = None) -> None:
-        """Let free planning processes take over the scene and the tool before their next task.
+        """Make free planning processes load the scene and the tool before their next task.
 
         Args:
-            scene: a scene that is not in force yet; None for the current one.
+            scene: a scene that is not in use yet; None for the current one.
             processes: number of processes, in the order of task assignment; None for all.
         """
         ahead = self._preparation(scene or self.scene, self.tool)
@@ -157,7 +155,7 @@ class PlanningService:
             await self._pool.prepare(ahead, self._pool.size if processes is None else processes)
 
     def _preparation(self, scene: Scene, tool: Tool) -> Preparation | None:
-        """The preparation for a scene and a tool; None if no process has ever needed one."""
+        """Return the preparation for a scene and a tool; None if no process has ever needed one."""
         if not (self._known or scene.version or tool.version):
             return None
         for known, with_tool, ahead in self._known:

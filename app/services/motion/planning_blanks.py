@@ -1,4 +1,4 @@
-"""Starts the first planning processes. The service forks them before it imports modules that they do not
+"""Starts the first planning processes, which are forked before the service imports modules that they do not
 need.
 """
 
@@ -14,8 +14,8 @@ from cobot.launch.forked import Forked, fork_processes
 def planning_blanks(config: Path | None) -> list[Forked]:
     """Fork as many processes as the settings require, while this process has no threads yet.
 
-    Returns an empty list if this fails. The code that later starts planning processes finds and reports the
-    cause.
+    Returns an empty list if this fails. The pool then starts the processes later, and reports the cause if
+    that fails, too.
     """
     try:
         return fork_processes(sum(each.planning.workers for each in load_settings(config).each.values()))

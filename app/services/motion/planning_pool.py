@@ -1,9 +1,9 @@
 """Keeps planning processes alive, and gives each one task at a time.
 
-Each process has its own socket and shares no lock with other processes, so it can be killed at any moment: by
-a stop, by a timeout, or from outside. A process that has ended or is suspended is replaced. Its task is lost,
-and the caller gets an error. Times are measured with the event loop's clock, so changes of the system's clock
-have no effect.
+Each process has its own socket and shares no lock with other processes, so a stop, a timeout or another
+program can kill it at any time. A process that has ended or is suspended is replaced; its task is lost, and
+the caller gets an error. Times are on the event loop's clock, so changes of the system's clock have no
+effect.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ from cobot.launch.process import RUN_MODULE, is_stopped
 WORKER = "app.services.motion.planning_worker"
 STDOUT = 1
 LARGE_BYTES = 2**18
-"""Minimum size of a message that is pickled or unpickled in a thread, bytes. For smaller messages, the switch
-of threads takes longer.
+"""Minimum size of a message that is pickled or unpickled in a thread, bytes. For smaller messages, switching
+threads takes longer than that.
 """
 LOOK_S = 0.5
-"""Interval at which busy workers are checked for being suspended, s."""
+"""Interval between checks whether busy workers are suspended, s."""
 START_S = 60.0
-"""Time after which a worker that is not ready is replaced, s."""
+"""Time after which a worker that is still not ready is replaced, s."""
 BACKOFF_S = (0.2, 5.0)
-"""The first and the longest pause before a worker is started again while starts fail, s."""
+"""First and longest pause before the next attempt to start a worker, if attempts fail, s."""
 
 log = logging.getLogger("cobot.planning")
 
 
 class WorkerLost(Exception):
-    """Raised if the worker of a task has ended or is suspended. Its text states which.
+    """Raised if the worker of a task has ended or is suspended. The text states which of the two.
 
     Attributes:
         begun: whether the worker had begun the task.
@@ -50,7 +50,7 @@ class WorkerLost(Exception):
 
 
 class Preparation:
-    """A task without an answer that a worker does once, before other tasks. It is packed once for all
+    """A task without an answer that a worker does once, before other tasks. It is pickled only once for all
     workers.
     """
 
@@ -71,11 +71,11 @@ class _Worker:
 
     Attributes:
         prepared: the newest preparation that was sent to the process.
-        preparing: whether the process has not ended it yet.
-        answer: future for the answer to the current task. The answer states whether the task returned a value
-            or raised an error, followed by this value or error. None without a task.
-        begun: whether the process has reported that the current task has begun, or a preparation for it.
-        usable: whether the process has loaded its robot and has not ended.
+        preparing: whether the process is still carrying out this preparation.
+        answer: future for the answer to the current task: whether the task returned a value or raised an
+            error, and this value or error. None without a task.
+        begun: whether the process has reported that it has begun the current task or its preparation.
+        usable: whether the process has loaded its robot and is still running.
         dismissed: whether the pool itself has ended the process.
         paused: whether the process was suspended at the last check.
     """
@@ -96,7 +96,7 @@ class _Worker:
         self.process.kill()
 
     def prepare(self, ahead: Preparation, packed: bytes) -> None:
-        """Send a preparation, unless the process has it."""
+        """Send a preparation, unless the process already has it."""
         if self.prepared is not ahead:
             self.prepared, self.preparing = ahead, True
             self.writer.write(packed)
@@ -116,8 +116,7 @@ class PlanningPool:
             are removed from the list.
 
     Attributes:
-        replaced: the number of workers that have ended or were suspended, although the pool did not request
-            it.
+        replaced: the number of workers that have ended or were suspended, without a request of the pool.
         problem: reason why the last start of a worker failed; "" if it succeeded.
     """
 
@@ -128,7 +127,7 @@ class PlanningPool:
         self._blanks = blanks if blanks is not None else []
         self._command = [*RUN_MODULE, WORKER, *arguments]
         self._workers: set[_Worker] = set()
-        # The worker that was busy last comes first, because it is still in the processor's caches.
+        # LIFO, because the worker that was busy last is still in the processor's caches.
         self._idle: asyncio.LifoQueue[_Worker] = asyncio.LifoQueue()
         self._keepers: list[asyncio.Task[None]] = []
 
@@ -143,13 +142,14 @@ class PlanningPool:
         return sum(worker.usable and worker.answer is not None for worker in self._workers)
 
     def start(self) -> None:
-        """Start the workers, unless they have been started."""
+        """Start the workers, unless they have already been started."""
         if not self._keepers:
             self._keepers = [asyncio.create_task(self._keep()) for _ in range(self.size)]
 
     async def prepare(self, ahead: Preparation, workers: int) -> None:
-        """Let this number of free workers prepare in advance, in the order of task assignment. Returns before
-        they have done so. A worker that is still preparing is left out, so that preparations do not pile up.
+        """Make up to this number of free workers prepare in advance, in the order in which they get tasks.
+        Does not wait for them. A worker that is still preparing is skipped, so that preparations do not pile
+        up.
         """
         packed = await ahead.pack()
         taken: list[_Worker] = []
@@ -165,16 +165,16 @@ class PlanningPool:
     async def run(
         self, task: Task, timeout_s: float, asked_s: float | None = None, ahead: Preparation | None = None
     ) -> Any:
-        """Run a task in a worker and return its result. Errors of the task are passed on. Cancelling this
-        kills the worker.
+        """Run a task in a worker, and return its result or raise its error. If the call is cancelled, the
+        worker is killed.
 
         Args:
-            asked_s: time at which the timeout begins, on the event loop's clock; None for now.
-            ahead: preparation that the task needs. An error of the preparation is an error of the task.
+            asked_s: start of the timeout, on the event loop's clock; None for now.
+            ahead: preparation that the task needs. If it fails, its error is the task's error.
 
         Raises:
-            TimeoutError: the task has taken too long. The error states how much of the time passed before a
-                worker was free.
+            TimeoutError: the task has taken too long. The error states how long it took until a worker was
+                free.
             WorkerLost: the worker has ended or was suspended during the task.
             UnavailableError: no worker can be started, or no worker was free within the timeout.
         """
@@ -286,7 +286,7 @@ class PlanningPool:
                 outcome = await asyncio.to_thread(_outcome, packed) if large else _outcome(packed)
                 if worker.answer is not None and not worker.answer.done():
                     worker.answer.set_result(outcome)
-        except (asyncio.IncompleteReadError, OSError):  # the worker has ended, or does not start
+        except (asyncio.IncompleteReadError, OSError):  # the worker has ended, or has failed to start
             worker.end()
             while worker.process.poll() is None:
                 await asyncio.sleep(0.01)
@@ -325,7 +325,7 @@ class PlanningPool:
             command,
             stdin=subprocess.DEVNULL,
             pass_fds=(descriptor,),
-            start_new_session=True,  # the service's own session has priority over others: see `be`
+            start_new_session=True,  # not in the service's session, which has priority over others: see `be`
         )
 
     def _note_end(self, worker: _Worker, began: bool) -> None:

@@ -1,7 +1,7 @@
 """Tasks for the planning processes: functions that are pickled by their names.
 
-Only these functions import the planners and rtloop's cycle, and only when they are called. So the service,
-which refers to the functions by name, does not load scipy.
+The planners and rtloop's cycle are imported only when these functions are called. So the service, which only
+names the functions, does not load scipy.
 """
 
 from __future__ import annotations
@@ -58,14 +58,14 @@ def improve_motion(
 
 
 def surround(robot: RobotDescription, scene: Scene, tool: Tool) -> None:
-    """Take over a scene and a tool, and prepare a plan and its forecast in this scene."""
+    """Load a scene and a tool, and compute in advance what plans and forecasts in this scene need."""
     if robot.model.carried.version != tool.version + scene.loads:
         robot.model.carry(tool, scene)
     checker = robot.collision
     if (checker.scene.version, checker.tool.version) != (scene.version, tool.version):
         checker.surround(scene, tool)
     checker.clearance.enclose()
-    _ = checker.nearest  # makes it
+    _ = checker.nearest  # the first access computes it
 
 
 def plan_rated(robot: RobotDescription, move: RatedMove) -> Leg | None:
@@ -134,13 +134,13 @@ def lead_around(
     from_s: float,
     free_s: float,
 ) -> ChangeOver | None:
-    """Change a motion that touches something, as `change_goal` does.
+    """Lead a motion around an obstacle that it would touch, as `change_goal` does.
 
     Args:
-        free_s: path time from `now_s` that must be free, s.
+        free_s: path time from `now_s` within which the motion must not touch anything, s.
 
     Returns:
-        None if the motion touches nothing, or something within `free_s`.
+        None if the motion touches nothing, or touches something within `free_s`.
     """
     contact = robot.collision.first_contact(cut(under_way, now_s, under_way.duration_s))
     if contact is None or contact.free_s < free_s:
@@ -223,8 +223,8 @@ def work_or_explain(
     explain_s: float,
     spare_s: float,
 ) -> Result:
-    """The result of `work` for the request. If it fails, the failure is explained. This takes at most
-    `explain_s`, and ends `spare_s` after the work has begun.
+    """Return the result of `work` for the request. If it fails, the error gets an explanation. The search for
+    it takes at most `explain_s`, and ends `spare_s` after the start of the work.
     """
     begun_s = time.monotonic()
     try:
@@ -237,7 +237,7 @@ def work_or_explain(
 
 
 def from_start(robot: RobotDescription, work: Callable[[RobotDescription], Result], start: Array) -> Result:
-    """The result of `work`, whose request begins at joint positions that the client gave.
+    """Return the result of `work` for a request that begins at joint positions given by the client.
 
     Raises:
         LimitError: the start is beyond a limit.

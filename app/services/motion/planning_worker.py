@@ -1,11 +1,12 @@
-"""`python -m app.services.motion.planning_worker`: a process that computes one task after the other.
+"""`python -m app.services.motion.planning_worker`: a process that computes tasks, one at a time.
 
-It shares only an inherited socket with the service, so it may be killed at any moment. Messages are pickles,
-each preceded by its head: whether it is a preparation, and its length. The process first reports that the
-robot is loaded. Then it receives functions of the robot. For each, it sends an empty message when it begins.
-If the function is a task, the answer follows: whether the function has returned, and its result or its error.
-A preparation has no answer, only another empty message at its end, so the next task can already be on its
-way. A preparation that fails is repeated before each task, and its error is then the answer.
+It shares only an inherited socket with the service, so it may be killed at any time. Messages are pickles,
+each with a header: whether the message is a preparation, and its length. The process first reports that the
+robot is loaded. Then it receives functions to call with the robot. It sends an empty message when it begins
+each. After a task it sends the answer: whether the function has returned, and its result or error. A
+preparation has no answer, only another empty message at its end, so the service need not wait for it before
+it sends the next task. A preparation that has failed is repeated before each task; if it fails again, its
+error is the answer.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ from cobot.launch.process import Niceness, die_with_parent, in_words, set_nicene
 
 HEAD = struct.Struct("=?Q")
 BEGUN = HEAD.pack(False, 0)
-"""The message of a process that begins a preparation or a task."""
+"""Message that the process sends when it begins a preparation or a task."""
 PREPARED = HEAD.pack(True, 0)
-"""The message of a process that has ended a preparation."""
+"""Message that the process sends at the end of a preparation."""
 Task = Callable[[Any], Any]
 """A task of a worker: a picklable function of `cobot.robot.description.RobotDescription`."""
 
@@ -41,7 +42,7 @@ class TooLargeError(Exception):
 
 
 class _Limited(io.BytesIO):
-    """Memory for at most `limit` bytes."""
+    """A buffer for at most `limit` bytes."""
 
     def __init__(self, limit: int) -> None:
         super().__init__()
@@ -61,7 +62,7 @@ def message(content: object, limit: int = sys.maxsize, *, ahead: bool = False) -
         ahead: whether the message is a preparation.
 
     Raises:
-        TooLargeError: the message is larger than the limit. This is noticed without encoding all of it.
+        TooLargeError: the message is larger than the limit. Encoding stops at the limit.
     """
     packed = _Limited(limit)
     pickle.Pickler(packed, pickle.HIGHEST_PROTOCOL).dump(content)
@@ -78,7 +79,7 @@ def main() -> int:
     parser.add_argument("--fd", type=int, required=True, help="descriptor of the socket")
     arguments = parser.parse_args()
     gc.disable()  # until all permanent objects exist
-    # Nearly every task needs this, and a worker that reports ready must be ready.
+    # Imported before the process reports that it is ready, because nearly every task needs it.
     from app.services.motion import planning_tasks  # noqa: F401
     from cobot.config import load_settings
     from cobot.errors import CobotError
@@ -92,7 +93,8 @@ def main() -> int:
         start_logging("planning", settings.logging)
         robot = load_robot(settings)
         robot.collision.clearance.enclose()
-        if settings.planning.replan_within_s > 0.0:  # importing takes longer than a search
+        # imported in advance, because the import takes longer than a search
+        if settings.planning.replan_within_s > 0.0:
             retarget.load_search()
     except CobotError as exc:
         with contextlib.suppress(OSError):
@@ -100,7 +102,7 @@ def main() -> int:
         return 2
     gc.freeze()
     gc.enable()
-    # not earlier, because a busy computer would delay the start of this process
+    # not earlier, because this would delay the start of the process on a busy computer
     set_niceness(Niceness.BACKGROUND)
     with socket(fileno=arguments.fd) as connection, connection.makefile("rwb") as channel:
         _work(channel, robot)
@@ -129,7 +131,7 @@ def _answer(tasks: Sequence[bytes], robot: Any) -> bytes:
 
 
 def _outcome(tasks: Sequence[bytes], robot: Any) -> tuple[bool, Any]:
-    """Compute tasks in this order. Returns whether all have succeeded, and the last result or the error."""
+    """Compute tasks in order. Returns whether all have succeeded, and the last result or the first error."""
     found = None
     try:
         for packed in tasks:
@@ -158,10 +160,8 @@ def _receive(channel: BinaryIO) -> tuple[bool, bytes] | None:
 
 if __name__ == "__main__":
     die_with_parent(signal.SIGKILL)
-    # The parent process has registered it. OMPL reports objects that are not collected as leaks.
+    # Registered by the parent process. OMPL would report the objects that are not collected as leaks.
     atexit.unregister(gc.freeze)
-    set_niceness(
-        Niceness.ORDINARY
-    )  # lower priority than the service that starts it, but not yet in the background
+    set_niceness(Niceness.ORDINARY)  # lower priority than the service, but not yet in the background
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.exit(in_words(main))

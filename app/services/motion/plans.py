@@ -130,8 +130,8 @@ class PlanService:
         )
 
     async def improve(self, plan_id: str, budget_s: float, samples: int, timeout_s: float) -> Plan:
-        """Search for a faster plan for the same request within a time, s. The given plan stays unchanged. If
-        no faster plan is found, the given plan is returned.
+        """Search for a faster plan for the same request within a time, s. The given plan stays unchanged. It
+        is returned if no faster one is found.
 
         Raises:
             NotFoundError: the plan is unknown or has expired.
@@ -174,8 +174,8 @@ class PlanService:
         return await self._keep_one(plan.limits, versions, request, better, described, planning_s)
 
     async def _make_one(self, goal: MotionRequest, limits: JointLimits, attempt: PlanAttempt) -> Plan:
-        """Plan one motion within its budget. It is planned once more if the scene or the tool changes
-        meanwhile.
+        """Plan one motion within its budget. If the scene or the tool changes in the meantime, plan once
+        more.
         """
         request, begun_s = self._goals.request(goal, attempt.begin), self._clock.now_s()
         samples, budget_s = attempt.asked.samples, min(goal.budget_s, attempt.spare_s)
@@ -233,7 +233,7 @@ class PlanService:
         versions: tuple[int, int],
         **fields: Any,
     ) -> Plan:
-        """Keep a plan of motions, with their actions and conditions."""
+        """Store a plan of motions, with their actions and conditions."""
         to_run, signals = await self._moves.place(course, begin)
         return self._keep(begin, described, limits, versions, to_run=to_run, signals=signals, **fields)
 
@@ -260,7 +260,7 @@ class PlanService:
     def _keep(
         self, begin: Array, described: Forecast, limits: JointLimits, versions: tuple[int, int], **fields: Any
     ) -> Plan:
-        """Keep a plan that was made with these versions of the scene and the tool."""
+        """Store a plan that was made with these versions of the scene and the tool."""
         made_s, number = self._clock.now_s(), f"plan_{secrets.token_hex(8)}"
         plan = Plan(number, begin, described, limits, made_s, *versions, by=acting.get().name, **fields)
         self._plans[plan.plan_id] = plan
@@ -326,7 +326,7 @@ class PlanService:
         return plan
 
     async def execute(self, plan_id: str, caller: Caller, fence: Fence | None = None) -> Outcome:
-        """Run a plan. The plan is kept, so that it can be run again from its start.
+        """Run a plan. It is kept, so it can be run again from its start.
 
         Args:
             fence: fence that the TCP may not leave.
@@ -353,11 +353,11 @@ class PlanService:
     async def rehearse(
         self, plan_id: str, gone: asyncio.Event, timeout_s: float
     ) -> tuple[Plan, Rehearsal | None]:
-        """Make a dry run: run a plan on a simulated copy of the robot in a planning process. The robot does
-        not move. Only one plan or dry run is computed at a time.
+        """Run a plan on a simulated copy of the robot, in a planning process. The robot does not move. Only
+        one plan or dry run is computed at a time.
 
         Args:
-            gone: event that is set when the client disconnects. The dry run then ends.
+            gone: event that is set when the client disconnects, which ends the dry run.
 
         Returns:
             The plan and the result of the dry run. The result is None if the plan does not move the arm.
@@ -403,7 +403,7 @@ class PlanService:
             self._turn.release()
 
     def queue_request(self, plan_id: str, job: Job, radius_m: float) -> QueueRequest:
-        """Make the request to queue a plan. The plan is checked again when its turn comes.
+        """Make the request for the queue to run a plan. The plan is checked again when its turn comes.
 
         Raises:
             NotFoundError: the plan is unknown or has expired.
@@ -443,7 +443,7 @@ class PlanService:
             raise ConflictError(f"{exc}; give `start` to plan while the arm moves") from exc
 
     def _forget(self) -> None:
-        """Remove plans that are too old, and the oldest ones if there are more than the maximum number."""
+        """Remove plans that have expired, and the oldest ones above the maximum number."""
         oldest_s = self._clock.now_s() - self.lifetime_s
         while self._plans:
             first = next(iter(self._plans.values()))

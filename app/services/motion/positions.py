@@ -21,7 +21,7 @@ from cobot.types import NamedPosition
 
 MAX_TAUGHT = 200
 TAUGHT = "taught"
-"""Group name for positions that are not in the SRDF."""
+"""Group name of positions that are not in the SRDF."""
 STATE_TIMEOUT_S = 1.5
 SPOILT = ".spoilt-"
 _FILE = TypeAdapter(dict[str, NamedPosition])
@@ -49,8 +49,8 @@ class PositionService:
 
     @property
     def problem(self) -> str:
-        """Describe the problem with the file, as long as the damaged file that was set aside exists; ""
-        without a problem.
+        """Describe the problem with the file; "" if there is none. The problem lasts as long as a damaged
+        file that was set aside exists.
         """
         return self._problem if self._aside is not None and self._aside.exists() else ""
 
@@ -65,7 +65,7 @@ class PositionService:
     async def teach(
         self, name: str, joints: list[float] | None, description: str, label: str = ""
     ) -> NamedPosition:
-        """Store a position under a new or an existing name. It has been written to disk when this returns.
+        """Store a position under a new or an existing name. Returns once it has been written to disk.
 
         Args:
             joints: joint positions, rad; None for the arm's current position.
@@ -119,7 +119,7 @@ class PositionService:
     def _read(self) -> dict[str, NamedPosition]:
         """Read the file. A damaged file is set aside, and its valid positions are written to a new file.
 
-        The arm can be moved without the file, so the service starts in any case.
+        The arm can be moved without the file, so a damaged file does not prevent the service from starting.
         """
         try:
             found = _FILE.validate_json(read_kept(self._file))
@@ -167,7 +167,7 @@ class PositionService:
         log.error("%s", self._problem)
 
     def _set_aside_before(self) -> None:
-        """Report again that a damaged file was set aside before a restart."""
+        """After a restart, report again that a damaged file was set aside."""
         found = sorted(self._file.parent.glob(f"{self._file.name}{SPOILT}*"))
         if found and self._aside is None:
             self._aside = found[-1]

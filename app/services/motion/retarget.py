@@ -1,9 +1,8 @@
 """Changes the goal of the running motion. The arm leaves its current path at a point ahead, without a stop.
 
-While the new motion is planned, the arm moves on. The point of the change is therefore as far ahead as
-planning usually takes. If the arm passes this point before the real-time loop has received the new
-trajectory, the loop rejects the trajectory and the arm continues as before. Then a point further ahead is
-tried.
+The arm keeps moving while the new motion is planned. The point of the change is therefore as far ahead as
+planning usually takes. If the arm passes it before the real-time loop has received the new trajectory, the
+loop rejects the trajectory and the arm continues as before. A point further ahead is tried next.
 """
 
 from __future__ import annotations
@@ -49,8 +48,8 @@ class Retargeted:
     """The point at which the arm leaves its former path, and the motion from there.
 
     Attributes:
-        change_in_s, settled_in_s: times at planned speed from now until the arm leaves its former path, and
-            until only the new motion counts.
+        change_in_s, settled_in_s: time at planned speed until the arm leaves its former path, and until it
+            follows only the new motion.
         joints: joint positions at the change, shape (dof,), rad.
         duration_s: time from the change to the new goal, at planned speed.
         planning_s: time from the request until the real-time loop has received the new motion, s.
@@ -68,11 +67,12 @@ class Retargeted:
 
 @dataclass(frozen=True, slots=True)
 class WayAround:
-    """A path around objects that a planning process searches.
+    """A search for a path around objects, in a planning process.
 
     Attributes:
         since_s: beginning of the search, on the link's clock.
-        search: returns the new path; None if the motion need not leave its path, or has no room to stop.
+        search: task that returns the new path; None if the motion need not leave its path, or cannot stop in
+            time.
     """
 
     claim: Claim
@@ -133,8 +133,8 @@ class RetargetService:
     def seek_way(
         self, under_way: Trajectory, within_s: float, free_s: float, scene: Scene
     ) -> WayAround | None:
-        """Begin to search a different path for the running motion to its goal, in case an object of a coming
-        scene is in the current path.
+        """Begin to search for a different path of the running motion to its goal, in case an object of the
+        next scene is in the current path.
 
         Only a motion whose path can be chosen freely is redirected: a single motion without constraints,
         actions or conditions, by a planner that moves the joints.
@@ -142,7 +142,7 @@ class RetargetService:
         Args:
             under_way: trajectory of the motion.
             within_s: timeout for the search, s.
-            free_s: path time from now that must be free, s. Otherwise nothing is searched.
+            free_s: path time from now that must be free, s. If it is not, no path is searched.
         """
         claim = self._ownership.moving
         if not isinstance(claim, Claim) or self._busy:
@@ -167,9 +167,9 @@ class RetargetService:
         path.
 
         Args:
-            within_s: time in which the new path must be found and sent to the real-time loop, s.
-            in_force: event that is set once plans are made and checked in the scene with the object. Before
-                that, the new path is not sent.
+            within_s: timeout for finding the new path and sending it to the real-time loop, s.
+            in_force: event that is set once plans are made and checked in the scene with the object. The new
+                path is sent only after that.
 
         Returns:
             Whether the motion was redirected. If not, it continues as before.
@@ -249,7 +249,9 @@ class RetargetService:
         lead_s: float,
         change: Callable[..., Result],
     ) -> Callable[[RobotDescription], Result]:
-        """A task for a planning process: change the goal of a motion at a path time from now, s."""
+        """Make a task for a planning process: change the goal of a motion at the path time `lead_s` from
+        now.
+        """
         state = self._link.state()
         now_s = state.path_time_s if state.motion_id == claim.motion_id else 0.0
         return partial(
@@ -266,8 +268,7 @@ class RetargetService:
         Raises:
             ConflictError: the motion has already ended.
             ExecutionError: the real-time loop rejects the trajectory, for example because the arm has passed
-                the point of the change; or the motion was interrupted, and the arm stops on the path that it
-                is on.
+                the point of the change; or the motion was interrupted, and the arm stops on its current path.
         """
         if claim.ended.is_set() or self._ownership.claim_of(job) is not claim:
             raise ConflictError(f"job {job.id} ended while the way to the new goal was being planned")
@@ -283,7 +284,7 @@ class RetargetService:
         label, took_ms = self._link.label, 1e3 * planning_s
         log.info("%smotion %d: its new way was ready after %.0f ms", label, motion_id, took_ms)
         state = self._link.state()
-        is_old = state.path_duration_s != whole.duration_s  # the state may be one cycle old
+        is_old = state.path_duration_s != whole.duration_s  # the state may be from the previous cycle
         now_s = state.path_time_s - (found.offset_s if is_old else 0.0)
         return Retargeted(
             motion_id,
@@ -301,13 +302,13 @@ async def _result_of(search: asyncio.Task[ChangeOver | None]) -> ChangeOver | No
 
 
 def _note(search: asyncio.Task[ChangeOver | None]) -> None:
-    """Note the error of a search whose result may not be needed any more."""
+    """Log the error of a search, because its caller may no longer wait for the result."""
     if not search.cancelled() and (error := search.exception()) is not None:
         log.debug("no way around: %s", error)
 
 
 def _require_goal(goal: MotionRequest) -> None:
-    """Raises InputError if the goal has no meaning for a moving arm."""
+    """Raises InputError if the goal makes no sense while the arm is moving."""
     if goal.is_relative:
         raise InputError(
             "the goal is relative to the position of the arm (frame_id tool, or an arc by an angle), "

@@ -1,4 +1,6 @@
-"""The scene of one robot. It is changed as a whole, stored in a file, and used at once for all planning."""
+"""The scene of one robot. Changes are made completely or not at all, stored in a file, and apply at once to
+all planning.
+"""
 
 from __future__ import annotations
 
@@ -48,8 +50,8 @@ MAX_OBJECTS = 200
 MAX_FRAMES = 1000
 STATE_TIMEOUT_S = 1.5
 STOPS_WITHIN_S = 0.5
-"""Path time within which every motion can stop, s. rtloop looks equally far ahead to check the fence of a
-motion.
+"""Path time within which every motion can stop, s. rtloop looks ahead by the same time to check the fence of
+a motion.
 """
 
 log = logging.getLogger("cobot.scene")
@@ -76,7 +78,7 @@ class _Remaining:
     """The remaining part of the current motion.
 
     Attributes:
-        since_s: time at which the arm was at the beginning of `left`, on the link's clock.
+        since_s: time at which the arm was at the start of `left`, on the link's clock.
     """
 
     handed_over: HandedOver
@@ -85,8 +87,8 @@ class _Remaining:
 
 
 class SceneService:
-    """Keeps the scene. Changes are made one at a time. Each change is first written to disk, then applied,
-    then answered.
+    """Keeps the scene. Changes are made one at a time. Each is written to disk, then applied, and only then
+    answered.
 
     Attributes:
         turn: lock that is held while the data of the collision checker changes.
@@ -121,7 +123,9 @@ class SceneService:
         self._file = scene_file(settings)
         self.turn = asyncio.Lock()
         self._version = (
-            0  # the newest version; a rejected one is not used again, because planning processes may have it
+            # the newest version number; that of a rejected scene is not used again, because planning
+            # processes may have the scene
+            0
         )
         self._model_names = robot.model.frame_names | {robot.base_frame, "tool"}
         scene = self._file.read()
@@ -162,8 +166,8 @@ class SceneService:
         return edit
 
     def put_frame(self, name: str, pose: Numbers7, frame: str) -> Edit:
-        """Add or move a named frame. `pose` is relative to the current pose of `frame`. If `frame` moves
-        later, the named frame does not move with it.
+        """Add or move a named frame. `pose` is relative to the current pose of `frame`. The named frame does
+        not move if `frame` is moved later.
         """
         self._require_own_name(name)
 
@@ -187,9 +191,7 @@ class SceneService:
         return edit
 
     def attach(self, name: str, touch: list[str]) -> Edit:
-        """Attach an object. From now on it moves with the TCP and keeps its current pose relative to the
-        TCP.
-        """
+        """Attach an object, which then keeps its current pose relative to the TCP."""
 
         def edit(scene: Scene, hand: Pose) -> Scene:
             item = named(scene, name)
@@ -211,8 +213,7 @@ class SceneService:
     async def change(
         self, edits: Sequence[Edit], *, moves_hand: bool, name: str = "a change of the scene"
     ) -> Changed:
-        """Make all of these changes in this order, or none of them. They are completed even if the caller is
-        cancelled.
+        """Make all changes in order, or none of them. They are completed even if the caller is cancelled.
 
         Args:
             moves_hand: whether an object is attached or detached, which requires the arm at rest.
@@ -224,7 +225,7 @@ class SceneService:
             LimitError: there are too many objects or solids, or the load is too heavy for the arm.
             NotFoundError: there is no such object, frame or body.
             ConflictError: another client has control, the object is already attached or not attached, the arm
-                moves, or a streaming session is active.
+                is moving, or a streaming session is active.
             UnavailableError: the file cannot be written, or the robot does not answer.
         """
         return await asyncio.shield(asyncio.create_task(self._change(edits, moves_hand, name)))
@@ -270,7 +271,9 @@ class SceneService:
         return replace(scene, objects={**scene.objects, **fixed})
 
     async def _carry(self, scene: Scene, state: RobotState, name: str) -> Changed:
-        """Apply a scene that changes the load of the arm. Meanwhile nothing moves, and nothing is planned."""
+        """Apply a scene that changes the load of the arm. Until this is done, nothing moves and nothing is
+        planned.
+        """
         if state.mode not in RESTING:
             raise ConflictError(
                 f"the arm moves (mode {state.mode.name}); its load can be changed only while it is at rest",
@@ -286,7 +289,7 @@ class SceneService:
 
     async def _take_over(self, scene: Scene) -> Changed:
         """Apply a scene. If an object is in the current path, a path around it is searched while the scene is
-        checked and stored, and sent to the real-time loop once the scene is in force.
+        checked and stored. The path is sent to the real-time loop once the scene is in use.
         """
         remaining, in_force, leading = self._find_remaining(), asyncio.Event(), None
         way = await self._seek_way(remaining, scene)
@@ -294,11 +297,12 @@ class SceneService:
         try:
             checker, contact = await self._examine(partial(self._robot.collision.among, scene), remaining)
             if way is None:
-                await self._planning.prepare(scene, processes=1)  # others follow once the scene is in force
+                # the other processes follow once the scene is in use
+                await self._planning.prepare(scene, processes=1)
             elif remaining is not None and contact is not None:
                 leading = self._begin_way_around(way, remaining, contact, in_force)
             await self._store(scene, staging)
-        except BaseException:  # also if cancelled
+        except BaseException:  # also on cancellation
             staging.cancel()
             if leading is not None:
                 leading.cancel()
@@ -313,7 +317,8 @@ class SceneService:
         if self._under_way() is not (None if remaining is None else remaining.handed_over):
             if leading is not None:
                 leading.cancel()
-            remaining = self._find_remaining()  # a different motion has begun, or this one has ended
+            # a different motion may have begun, or this one may have ended
+            remaining = self._find_remaining()
             _, contact = await self._examine(checker.twin, remaining)
         elif leading is not None:
             in_force.set()
@@ -344,7 +349,7 @@ class SceneService:
         await self._link.commands.set_tool(load, mounted, scene.version)
 
     def _under_way(self) -> HandedOver | None:
-        """Return the motion that rtloop executes or is about to begin."""
+        """Return the motion that rtloop is executing or is about to begin."""
         state, handed_over = self._link.state(), self._link.commands.handed_over
         if handed_over is None or (state.mode in RESTING and state.motion_id == handed_over[0]):
             return None
@@ -365,7 +370,7 @@ class SceneService:
     async def _examine(
         self, make: Callable[[], CollisionChecker], remaining: _Remaining | None
     ) -> tuple[CollisionChecker, FirstContact | None]:
-        """Make a checker and find the first contact of the remaining motion, both in one thread."""
+        """Make a checker and find the first contact of the remaining motion. Both run in one thread."""
 
         def examine() -> tuple[CollisionChecker, FirstContact | None]:
             checker = make()
@@ -388,35 +393,35 @@ class SceneService:
         log.warning("motion %d is stopped: %s", remaining.handed_over[0], why)
         try:
             await self._stopping.stop_motion(StopReason(why, "scene"))
-        except ExecutionError as exc:  # the scene has changed in spite of this
+        except ExecutionError as exc:  # the scene has changed nevertheless
             return f"{why}; {exc}"
         return why
 
     async def _seek_way(self, remaining: _Remaining | None, scene: Scene) -> WayAround | None:
-        """Let a planning process find out whether an object of a coming scene is in the current path, and
-        search a path around it, if the settings permit this. Returns before it has done so.
+        """If the settings permit, let a planning process check whether an object of the next scene is in the
+        current path, and search for a path around it. Does not wait for the result.
         """
         within_s = self._replan_within_s
         if within_s == 0.0 or remaining is None:
             return None
         way = self._retargeting.seek_way(remaining.handed_over[1], within_s, self._free_s(remaining), scene)
-        await asyncio.sleep(0.0)  # the search is sent before threads compete for the interpreter
+        await asyncio.sleep(0.0)  # send the search before threads compete for the interpreter
         return way
 
     def _begin_way_around(
         self, way: WayAround, remaining: _Remaining, contact: FirstContact, in_force: asyncio.Event
     ) -> asyncio.Task[bool] | None:
-        """Begin to redirect the current motion around an object in its path, if the arm could still stop
-        afterwards. The task returns whether the motion was redirected.
+        """Begin to redirect the current motion around an object in its path, if there is enough time left to
+        stop in case this fails. The task returns whether the motion was redirected.
         """
-        # the arm has moved on meanwhile
+        # the arm has moved on in the meantime
         left_s = remaining.since_s + self._replan_within_s - self._link.clock.now_s()
         if left_s <= 0.0 or contact.free_s < self._free_s(remaining):
             return None
         return asyncio.create_task(self._retargeting.lead_around(way, left_s, in_force))
 
     def _free_s(self, remaining: _Remaining) -> float:
-        """The part of the remaining motion that must be free if a path around an object is searched, s."""
+        """How much of the remaining motion must be free for a search of a path around an object, s."""
         return min(self._replan_within_s + STOPS_WITHIN_S, remaining.left.duration_s)
 
     def _placed(self, scene: Scene, pose: Numbers7, frame: str) -> Numbers7:
@@ -443,7 +448,7 @@ class SceneService:
 
 @contextlib.asynccontextmanager
 async def restore_on_error(restore: Callable[[], None], what: str) -> AsyncIterator[None]:
-    """Restore a file if the real-time loop does not take over its new content.
+    """Restore a file if the real-time loop does not accept its new content.
 
     Raises:
         ConflictError: the real-time loop has rejected the new content.
@@ -461,14 +466,16 @@ async def restore_on_error(restore: Callable[[], None], what: str) -> AsyncItera
 
 
 async def _with_room(objects: dict[str, SceneObject]) -> dict[str, SceneObject]:
-    """See `with_room`. Without point clouds a thread is not worth its time."""
+    """See `with_room`. Without point clouds, a thread is not worth its overhead."""
     if any(each.cells for each in objects.values()):
         return await asyncio.to_thread(with_room, objects)
     return with_room(objects)
 
 
 async def _is_led(leading: asyncio.Task[bool]) -> bool:
-    """Wait for the path around. An unexpected search error counts as no path: the motion must stop."""
+    """Wait for the path around the object, and return whether the motion follows it. After an unexpected
+    error it does not, so that it is stopped.
+    """
     try:
         return await leading
     except Exception:

@@ -1,4 +1,4 @@
-"""Changes to a scene that do not need the robot. Each function makes an `Edit`."""
+"""Changes to a scene that do not need the robot. Each function returns an `Edit`."""
 
 from __future__ import annotations
 
@@ -59,9 +59,8 @@ def detach(name: str) -> Edit:
 
 
 def with_room(objects: dict[str, SceneObject]) -> dict[str, SceneObject]:
-    """Return the objects with boxes around the voxels of their point clouds. Together with the solids of the
-    other objects, there are at most as many boxes as a stream can check. For large clouds this takes tens of
-    milliseconds.
+    """Return the objects with boxes around the voxels of their point clouds. Boxes and other solids together
+    are no more than a stream can check. For large clouds this takes tens of milliseconds.
 
     Raises:
         LimitError: there are more solids or voxels than allowed.

@@ -1,4 +1,6 @@
-"""Follows the actions and conditions of one motion, and does the work that rtloop leaves to the service."""
+"""Follows the actions and conditions of one motion, and carries out those actions that rtloop leaves to the
+service.
+"""
 
 from __future__ import annotations
 
@@ -73,7 +75,7 @@ class SignalFollower:
 
     @property
     def contact(self) -> ContactOutcome | None:
-        """The moment at which `until` was met; None if it was not met."""
+        """The state of the arm when `until` was met; None if it was not met."""
         return self._contact
 
     @property
@@ -89,7 +91,7 @@ class SignalFollower:
 
     @property
     def retract_m(self) -> float:
-        """How far the TCP must move back after the motion, m."""
+        """Distance that the TCP must move back after the motion, m."""
         until = self._placed.until
         return 0.0 if until is None or self._contact is None else until.retract_m
 
@@ -133,7 +135,7 @@ class SignalFollower:
             self._contact = _contact(report.met, self._begin_s)
 
     def rest(self, tcp: Array) -> None:
-        """Finish, because the motion has ended and the TCP is at rest at `tcp`, shape (7,)."""
+        """End, because the motion has ended and the TCP is at rest at `tcp`, shape (7,)."""
         self.look()
         self.note_rest(tcp)
         self.end()
@@ -146,7 +148,9 @@ class SignalFollower:
             self._contact = replace(self._contact, overshoot_m=overshoot_m)
 
     def end(self) -> None:
-        """Finish, because no further action can fire. Publish an event for each action that has not fired."""
+        """End, because no further action can fire, and publish an event for each action that has not
+        fired.
+        """
         for result in self._results.values():
             if not result.fired and not result.problem:
                 self._tell("not fired", result)

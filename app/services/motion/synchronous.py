@@ -45,8 +45,8 @@ class SyncService:
     """The service for synchronous motions. One instance serves all robots.
 
     Attributes:
-        robots: the robots by name. Filled when all robots have started.
-        frames, groups: frames and groups that clients have defined. A group is a list of robots.
+        robots: the robots by name. It is filled once all robots have started.
+        frames, groups: frames and groups that clients have defined. A group is a sequence of robot names.
     """
 
     def __init__(self) -> None:
@@ -85,8 +85,7 @@ class SyncService:
     def targets(
         self, robots: tuple[str, ...], joints: list[float], a: float, v: float
     ) -> dict[str, RobotTarget]:
-        """Make the targets of all robots from one list that contains the joint angles of one robot after the
-        other.
+        """Make the targets of all robots from one list with their concatenated joint angles.
 
         Raises:
             InputError: the number of angles is wrong.
@@ -147,7 +146,7 @@ class SyncService:
             ConflictError: the robot is not in a synchronous motion, or its part was already added.
             InputError, LimitError: see `targets`; or too many segments wait.
             MotionStopped: a robot was stopped after its part was added, or the synchronous motion was ended.
-            CobotError: an error of `move`.
+            CobotError: any error that `move` raises.
         """
         sync = next((each for each in self._syncs.values() if robot in each.robots), None)
         if sync is None:
@@ -156,7 +155,7 @@ class SyncService:
         if segment not in sync.waiting and len(sync.waiting) >= MAX_WAITING:
             raise LimitError(f"{MAX_WAITING} segments already wait for a robot, which is the maximum")
         waiting = sync.waiting.setdefault(segment, {})
-        # If the numbers of stops differ, a stop has cancelled the earlier part.
+        # If the numbers of stops differ, a stop has cancelled the part that was sent before.
         if robot in waiting and waiting[robot].stops == target.stops:
             raise ConflictError(f"the part of {robot} in segment {segment} was already sent")
         waiting[robot] = target

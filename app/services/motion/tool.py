@@ -1,5 +1,5 @@
-"""The tool of one robot. It is changed only at rest, stored in a file, and the same for plans, the real-time
-loop and the simulation.
+"""The tool of one robot. It is changed only while the arm is at rest, and stored in a file. Plans, the
+real-time loop and the simulation use the same tool.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from cobot.types import RESTING, Array
 MAX_SHAPES = 50
 STATE_TIMEOUT_S = 1.5
 LOOK_S = 0.5
-"""Interval at which the service checks that rtloop uses the same tool, s."""
+"""Interval between checks that rtloop uses the same tool, s."""
 
 Edit = Callable[[Tool], Tool]
 
@@ -48,8 +48,8 @@ class ToolChanged:
 
 
 class ToolService:
-    """Keeps the tool. During a change this service holds the claim on the arm, so nothing moves, and nothing
-    is planned with an incomplete tool.
+    """Keeps the tool. During a change, this service holds the claim on the arm, so nothing moves and nothing
+    is planned with a half-changed tool.
 
     A change is written to disk and applied in rtloop before it is answered.
 
@@ -88,8 +88,8 @@ class ToolService:
 
     @contextlib.asynccontextmanager
     async def in_force(self) -> AsyncIterator[None]:
-        """Make sure that rtloop uses this tool and this scene. It does not if the service crashed after
-        writing the file and before sending the command.
+        """Make sure that rtloop uses this tool and this scene. It may have others if the service crashed
+        between writing the file and sending the command.
         """
         task = asyncio.create_task(self._watch(), name="tool")
         try:
@@ -105,7 +105,7 @@ class ToolService:
             name: displayed name of the request.
 
         Raises:
-            InputError, LimitError: the tool is impossible, or the arm could not hold it in its current pose.
+            InputError, LimitError: the tool is invalid, or the arm could not hold it in its current pose.
             ConflictError: the arm is moving, another client is moving it, an object is attached to the TCP,
                 or rtloop rejects the tool. The tool is unchanged.
             UnavailableError: rtloop does not answer, or the file cannot be written. The tool is unchanged.
@@ -154,7 +154,7 @@ class ToolService:
         check_load(model, self._robot.limits, tool, self._scene.scene, joints, self._max_payload_kg)
 
     async def _apply(self, tool: Tool) -> ToolChanged:
-        checker, ours = [  # separate copies: one of the two is for threads
+        checker, ours = [  # separate copies, because one is used in threads
             await asyncio.to_thread(self._robot.collision.among, self._scene.scene, tool) for _ in range(2)
         ]
         before = self.tool

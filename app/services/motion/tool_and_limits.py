@@ -10,11 +10,11 @@ from cobot.types import Pose
 
 
 class RobotSettings:
-    """The limits that one robot's vendor services use, which a restart resets to those in the configuration;
-    and conversions between flange and TCP.
+    """Limits for one robot's vendor services, and conversions between flange and TCP. A restart resets the
+    limits to the configured ones.
 
     Attributes:
-        envelope: the limits that the motion queue plans with. Moves that are already planned keep their
+        envelope: the limits with which the motion queue plans. Moves that are already planned keep their
             limits.
     """
 

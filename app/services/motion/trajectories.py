@@ -1,5 +1,5 @@
-"""Timed trajectories. The client gets the answer when rtloop has accepted the motion. The motion then
-continues even if the client disconnects.
+"""Timed trajectories. The client gets an answer once rtloop has accepted the motion, which then continues
+even if the client disconnects.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class TrajectoryService:
         Args:
             read: function that returns the points or raises an InputError. It must call its argument with the
                 first point before it reads the others. It is called in a thread, and only if the arm is free,
-                so that a rejected request costs almost no time.
+                so that rejecting a request takes almost no time.
 
         Raises:
             InputError, PlanningError: no motion is possible through the points. Nothing has moved.
@@ -113,7 +113,7 @@ class TrajectoryService:
             self._note(f"motion {sent.motion_id}: accepted, {sent.points} points, {sent.duration_s:.3f} s")
             if sent.note:
                 self._note(f"motion {sent.motion_id}: {sent.note}")
-            # From here the claim belongs to the task that follows the motion to its end.
+            # From here on, the task that follows the motion to its end owns the claim.
             follower = asyncio.create_task(self._follow(claim, stack.pop_all()))
             self._followers.add(follower)
             follower.add_done_callback(self._followers.discard)

@@ -1,4 +1,4 @@
-"""Programs: sequences and Lua files in one folder. Only one of them is loaded and run at a time."""
+"""Programs: sequences and Lua files in one folder. Only one of them can be loaded and run at a time."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class ProgramService:
             name: path below the folder, with the suffix.
 
         Raises:
-            InputError: the path leads out of the folder, or the program contains an error. The message says
+            InputError: the path leads out of the folder, or the program contains an error. The message states
                 where.
             NotFoundError: there is no such program.
             ConflictError: a program is running.
@@ -161,7 +161,7 @@ class ProgramService:
 
 
 async def _check(path: Path, folder: Path) -> None:
-    """Make the runner check a program in a separate process, as it will be run."""
+    """Make the runner check a program in a separate process, with the arguments of a run."""
     process = await asyncio.create_subprocess_exec(
         *RUN_MODULE,
         "cobot.runner",

@@ -1,7 +1,7 @@
 """Runs sequences in a runner process, which uses this service like any other client.
 
-Control of the arm is claimed before the runner starts, and released after it has ended and its output has
-been read.
+The arm is claimed before the runner starts, and released once the runner has ended and its output has been
+read.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ from cobot.logs import printable
 
 LINE_BYTES = 65536
 LINE_CHARACTERS = 2000
-"""Maximum number of characters that are kept of each log line. Thousands of lines are kept, and each client
-may read hundreds of them at once.
+"""Maximum length to which log lines are cut, in characters. Thousands of lines are kept, and each client may
+read hundreds of them at once.
 """
 PROGRESS = ("iteration", "waypoint", "n_waypoints", "step")
 ERRORS: dict[int, type[CobotError]] = {2: InputError, 4: UnavailableError}
@@ -59,9 +59,8 @@ class SequenceOrder:
         config: the JSON document or the Lua program as uploaded; the runner validates it.
         bag_path: folder of the recording, below the recordings folder; "" for no recording.
         topics: names of the data to record, separated by commas; "" for all.
-        joints_action, pose_action: values that are accepted for compatibility and written to the log. They
-            have no other effect.
-        name: name of the uploaded file. A name that ends in .lua means a Lua program.
+        joints_action, pose_action: values that are accepted for compatibility and only written to the log.
+        name: name of the uploaded file. If it ends in .lua, the file is a Lua program.
         from_waypoint: first waypoint of the first iteration; None to begin at home.
         hold: whether the sequence waits before its first motion until its job is resumed or stepped.
     """
@@ -97,7 +96,9 @@ class SequenceStatus:
 
 
 class SequenceService:
-    """Starts, watches and ends the runner. This service holds the claim on the arm while the runner lives."""
+    """Starts, monitors and ends the runner. It holds the claim on the arm as long as the runner is
+    running.
+    """
 
     def __init__(
         self,
@@ -117,9 +118,9 @@ class SequenceService:
         self._lines: deque[str] = deque(maxlen=settings.log_lines)
         self._starting = False
         self._steps: RunnerInstructions | None = None
-        self._stopped: StopReason | None = None  # reason why the runner was told to end
+        self._stopped: StopReason | None = None  # reason why the runner was ended; None if it was not
         self._error_line = ""  # the newest error that the current runner has printed
-        self._failure: dict[str, Any] | None = None  # the same error in the form of `Progress.fail`
+        self._failure: dict[str, Any] | None = None  # the same error, as reported by `Progress.fail`
         self._process: asyncio.subprocess.Process | None = None
         self._watcher: asyncio.Task[None] | None = None
         self.status = SequenceStatus()
@@ -153,7 +154,8 @@ class SequenceService:
         token = secrets.token_urlsafe(32)
         kind = JobKind.PROGRAM if program else JobKind.SEQUENCE
         self._ownership.claim_for_sequence(f"sequence {number}", token, kind)
-        starter = acting.get()  # while it runs, the program has the rights of the client that started it
+        # while it is running, the program has the rights of the client that started it
+        starter = acting.get()
         self._tokens.grant(starter.name, starter.role, token)
         self._starting = True
         try:
@@ -196,7 +198,7 @@ class SequenceService:
         Args:
             reason: the reason that is reported; None if a client has requested the stop.
         """
-        if self._starting:  # `start` sees the count of stops, and ends what it has begun
+        if self._starting:  # `start` notices the stop, and ends the process that it has begun
             return "the start of a sequence"
         process, watcher = self._process, self._watcher
         if process is None or watcher is None or watcher.done():
@@ -283,7 +285,7 @@ class SequenceService:
             asyncio.create_task(self._read_progress(progress)),
         ]
         returncode = await process.wait()
-        # A grandchild may keep the pipes open. So only data that has already arrived is read.
+        # A grandchild may keep the pipes open, so only data that has already arrived is read.
         await asyncio.wait(readers, timeout=0.5)
         for reader in readers:
             reader.cancel()
@@ -318,7 +320,7 @@ class SequenceService:
         while True:
             try:
                 line = await stream.readline()
-            except ValueError:  # longer than LINE_BYTES: the part that was read is lost
+            except ValueError:  # a line longer than LINE_BYTES, of which the part read so far is lost
                 line = b"(a line too long to keep)"
             if not line:
                 return
@@ -329,7 +331,7 @@ class SequenceService:
 
     async def _read_progress(self, stream: asyncio.StreamReader) -> None:
         while line := await stream.readline():
-            with contextlib.suppress(json.JSONDecodeError):  # the last line of a killed runner
+            with contextlib.suppress(json.JSONDecodeError):  # an incomplete last line of a killed runner
                 event = json.loads(line)
                 if "failed" in event:
                     self._failure = event
@@ -348,8 +350,8 @@ class SequenceService:
                     await self._answer_runner(self._steps, event)
 
     async def _answer_runner(self, steps: RunnerInstructions, event: dict[str, Any]) -> None:
-        """Answer a request from the runner once nothing is paused. Outputs and gripper commands wait like
-        motions.
+        """Answer a request from the runner once nothing is paused. Like motions, outputs and gripper commands
+        wait.
         """
         override = self._ownership.speed_override
         if event["within"]:
@@ -399,7 +401,7 @@ def _printable(name: str) -> str:
 
 
 def _unnamed_file(content: bytes) -> IO[bytes]:
-    """Make a temporary file without a name, with this content. It is deleted when its last reader closes
+    """Make a temporary file with this content but without a name. It is deleted when its last reader closes
     it.
     """
     file = tempfile.TemporaryFile()  # noqa: SIM115 - the caller closes it

@@ -1,7 +1,7 @@
-"""Controls a sequence between two steps: decides whether it continues, and at which waypoint.
+"""Controls a sequence between its steps: whether it continues, and at which waypoint.
 
-The runner asks before each of its steps, and waits for the answer: a line of JSON in a pipe. A waypoint is
-the number of a step in the outermost list.
+The runner asks before each step and waits for the answer, a line of JSON in a pipe. A waypoint is the number
+of a step in the outermost list.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Callable
 from cobot.errors import ConflictError, InputError
 
 NEXT = 0
-"""Value that means the next waypoint that is reached."""
+"""Value for "the next waypoint that is reached"."""
 
 
 class RunnerInstructions:
@@ -38,11 +38,11 @@ class RunnerInstructions:
         self._hold_next = False
         self._hold_at: int | None = None
         self._behind = 0
-        self._n_waypoints: int | None = None  # until the runner has asked
+        self._n_waypoints: int | None = None  # until the runner has asked for the first time
         self.held = False
 
     def ask(self, behind: int, n_waypoints: int) -> bool:
-        """Handle the runner's question whether to continue.
+        """Handle the runner's question whether it may continue.
 
         Args:
             behind: the last waypoint that was reached; 0 if none was reached.
@@ -52,7 +52,7 @@ class RunnerInstructions:
             Whether the runner may continue. If so, call `answer` as soon as nothing is paused.
         """
         self._n_waypoints, self._behind = n_waypoints, behind
-        has_begun = self._first is None  # otherwise its next step is the first one
+        has_begun = self._first is None  # if it has not begun, its next step is the first one
         is_there = has_begun and self._hold_at is not None and behind >= self._hold_at
         if is_there:
             self._hold_at = None
@@ -67,13 +67,14 @@ class RunnerInstructions:
         self._answer(None)
 
     def answer_time(self, paused_s: float) -> None:
-        """Answer a runner that asks within a step: the total time that it has been paused, s."""
+        """Answer a runner that asks, within a step, how long it has been paused in total, s."""
         self._write({"paused_s": paused_s})
 
     def hold(self, waypoint: int) -> None:
-        """Hold the runner once it has reached this waypoint, or has passed it without a stop.
+        """Hold the runner once it has reached this waypoint or, if it passes this one without a stop, the
+        next one.
 
-        An earlier hold does not cancel this one.
+        This is in addition to earlier holds.
 
         Raises:
             InputError: there is no such waypoint.

@@ -1,9 +1,9 @@
-"""Stored programs in one of the robot's folders. Their names can be in any language, and several versions of
-each are kept.
+"""Stored programs in a folder of the robot. Their names can be in any language. Several versions of each are
+kept.
 
-Each version is a separate file, which `keep` writes as a whole. So a full disk or a killed process leaves
-earlier versions unchanged. The files are read for each request, so there is no copy in memory that could
-differ from them.
+Each version is a separate file, which `keep` writes completely or not at all, so a full disk or a killed
+process leaves earlier versions unchanged. The files are read for each request; there is no copy in memory
+that could differ from them.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ MAX_CHARACTERS = 400_000
 MAX_TOTAL_BYTES = 200_000_000
 """Maximum size of the folder, in bytes."""
 MAX_DELETED = 1000
-"""Maximum number of deleted programs for which the number of the last version is kept individually."""
+"""Maximum number of deleted programs whose last version number is kept individually."""
 DELETED = ".deleted.json"
 """Name of the file with the last version number of each deleted program. A new program with the same id
-continues the numbering. So a client that still has the deleted program open cannot overwrite the new one.
+continues the numbering, so a client that still has the deleted program open cannot overwrite the new one.
 """
 ID_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,63}$"
 SUFFIXES = {"sequence": ".json", "lua": ".lua"}
@@ -75,8 +75,8 @@ class ProgramVersion:
     """One version of a stored program.
 
     Attributes:
-        author: name of the client that saved the version. Without a token, this is the name that the client
-            gives itself, in quotes.
+        author: name of the client that saved the version: the name of its token or, without one, its own name
+            in quotes.
         time: time of saving, ISO 8601 in UTC. For an example, the time at which the service started.
         example: whether the program belongs to the robot's cell. An example can be copied, but neither
             changed nor deleted.
@@ -108,7 +108,7 @@ class Deleted:
     others: int = 0
 
     def version_of(self, program: str) -> int:
-        """Return the version number after which a new program with this id continues."""
+        """Return the version number from which a new program with this id continues."""
         return self.last.get(program, self.others)
 
     def with_program(self, program: str, version: int) -> Deleted:
@@ -127,8 +127,8 @@ class StoredPrograms:
     """The stored programs of one robot.
 
     Args:
-        folder: folder of the programs. It is created with the first program; only the user can read it.
-        examples: example programs of the robot's cell, which are listed too.
+        folder: folder of the programs. It is created with the first program, and only the user can read it.
+        examples: example programs of the robot's cell, which are included in lists.
     """
 
     def __init__(self, folder: Path, link: RobotLink, examples: Sequence[ExampleProgram] = ()) -> None:
@@ -165,15 +165,15 @@ class StoredPrograms:
         return await asyncio.to_thread(lambda: [self._read(program, each) for each in reversed(numbers)])
 
     async def save(self, program: str, saved: ProgramText, base: int | None) -> ProgramVersion:
-        """Save a version. It has been written to disk when this returns. Saving the same text again, after a
-        lost answer, makes no new version.
+        """Save a version. Returns once it has been written to disk. If the same text is saved again, for
+        example after a lost answer, no new version is made.
 
         Args:
             base: number of the version that was edited; None for a new program.
 
         Raises:
-            ChangedError: a newer version was saved in the meantime, or the program already exists, or it was
-                deleted.
+            ChangedError: a newer version has been saved in the meantime, or the program already exists or has
+                been deleted.
             InputError: the id is invalid, or the text is not a JSON object.
             ConflictError: there are too many programs, their folder is too large, or the program is an
                 example.
@@ -200,7 +200,7 @@ class StoredPrograms:
 
         Raises:
             NotFoundError: there is no such program.
-            ChangedError: another version was saved in the meantime.
+            ChangedError: another version has been saved in the meantime.
             ConflictError: the program is an example.
             UnavailableError: the disk does not permit it.
         """
@@ -230,7 +230,7 @@ class StoredPrograms:
                 continue
             try:
                 found.append(self._read(program, None))
-            except (NotFoundError, UnavailableError) as exc:  # deleted meanwhile, or damaged
+            except (NotFoundError, UnavailableError) as exc:  # deleted in the meantime, or damaged
                 log.warning("%s", exc)
         return sorted(found, key=lambda each: (each.saved.label.casefold(), each.id))
 
@@ -360,7 +360,7 @@ class StoredPrograms:
             os.truncate(aside / f"{newest}.json", 0)
         except OSError as exc:
             raise UnavailableError(f"{aside}: cannot be deleted: {exc.strerror}") from exc
-        # If the disk is full, the name of the empty file still states which version was deleted.
+        # On a full disk the file stays empty, but its name still states which version was deleted.
         with contextlib.suppress(UnavailableError):
             known = self._deleted().with_program(program, newest)
             keep(self._folder / DELETED, json.dumps(asdict(known)).encode(), f"program {shown(program)}")

@@ -1,4 +1,4 @@
-"""Studies that clients request. Each runs in a separate process with the lowest priority, and writes into a
+"""Studies that clients request. Each runs in a separate process with the lowest priority, and writes to a
 folder.
 
 The folder's name is a hash of the question, the robot, its tool and its scene. If the same study is requested
@@ -37,11 +37,11 @@ from cobot.robot.kept import read_kept
 MAX_STUDIES = 30
 MAX_TASKS = 300_000
 MAX_TOTAL_BYTES = 1_000_000_000
-"""Maximum size of all studies of a robot together, in bytes."""
+"""Maximum total size of a robot's studies, in bytes."""
 MIN_BYTES = 10_000_000
 """Part of `MAX_TOTAL_BYTES` that must be free when a study starts, in bytes."""
 MAX_STARTS = 3
-"""Maximum number of times that the process of a study is started, if it is killed."""
+"""Maximum number of times that a study's process is started, if it is repeatedly killed."""
 END_S = 5.0
 """Timeout for a cancelled study to write its partial answer, in seconds."""
 ENDED = "the service ended meanwhile"
@@ -82,7 +82,7 @@ class StudyService:
             max_s: maximum duration of this run, s.
 
         Raises:
-            ConflictError: another study is running, or there are too many.
+            ConflictError: another study is running, or there are too many studies.
             CobotError: the study is invalid.
             UnavailableError: the process of the study cannot be started, or does not answer in time.
         """
@@ -260,7 +260,7 @@ class StudyService:
     def _with_run(self, status: StudyStatus) -> StudyStatus:
         """Return the current status of a study. The file of a running study is out of date.
 
-        A study counts as running until the next one can be started.
+        A study is reported as running until the next one can be started.
         """
         run = self._run
         if run is not None and run.status.id == status.id:

@@ -99,7 +99,7 @@ class StudyFiles:
         for study in self.ids():
             try:
                 found.append(self.read(study))
-            except NotFoundError as exc:  # deleted meanwhile, or damaged
+            except NotFoundError as exc:  # deleted in the meantime, or damaged
                 log.warning("%s", exc)
         return sorted(found, key=lambda each: each.started_at, reverse=True)
 

@@ -37,7 +37,9 @@ _ERRORS: dict[str, type[CobotError]] = {
         UnavailableError,
     )
 }
-"""Errors that the process reports, by code. Any other code means that the study does not fit the robot."""
+"""Errors that the process reports, by code. Any other code means that the study is not possible with this
+robot.
+"""
 Keep = Callable[[StudyStatus], Awaitable[None]]
 
 
@@ -46,10 +48,10 @@ class StudyRun:
     """A running study.
 
     Attributes:
-        known: event that is set once the folder is known. It is also set if the study fails earlier, so that
-            the next study may start.
-        error: reason of a failure; None unless the study has failed.
-        cancelled: reason of a cancellation.
+        known: event that is set once the folder is known, or once the study has failed, so that the next
+            study may start.
+        error: reason for the failure; None unless the study has failed.
+        cancelled: reason for a cancellation.
     """
 
     request: dict[str, Any]
@@ -78,7 +80,8 @@ class StudyRun:
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         try:
-            if self.cancelled is not None or self.error is not None:  # while the process was being started
+            # set while the process was being started
+            if self.cancelled is not None or self.error is not None:
                 return
             with contextlib.suppress(ConnectionError):
                 self.process.stdin.write(json.dumps(self.request).encode())

@@ -52,7 +52,7 @@ class Health:
 
 
 class HealthService:
-    """Makes the health report. It answers even if other parts fail."""
+    """Makes the health report, even if other parts of the service fail."""
 
     def __init__(
         self,
@@ -137,8 +137,8 @@ class HealthService:
         )
 
     def obstacles(self) -> list[str]:
-        """Return the reasons why the robot would not execute a motion now, as sentences; empty if it is
-        ready.
+        """Return the reasons why the robot would not execute a motion now, as sentences; empty if the robot
+        is ready.
         """
         starting = [] if self._planning.warm else ["the planning processes are starting"]
         try:
@@ -186,8 +186,8 @@ def _process(statistics: np.ndarray) -> dict[str, object]:
 
 
 def _cycle_times(statistics: np.ndarray) -> dict[str, dict[str, float]]:
-    """Calculate the percentiles of each phase from its histogram, µs. The last bucket also counts all longer
-    times.
+    """Calculate the percentiles of each phase from its histogram, µs. The last bucket also contains all
+    longer times.
     """
     times = {}
     for phase in Phase:

@@ -10,11 +10,11 @@ from app.services.events.ring import Event, Events
 from app.services.reports.states import StateTexts
 
 KEEP_ALIVE_S = 5.0
-"""Interval of keep-alive messages while there are no events, s. A listener that misses them can conclude that
-its connection is lost.
+"""Interval between keep-alive messages while there are no events, s. A client that does not receive them can
+conclude that its connection is lost.
 """
 BATCH = 64
-"""Maximum number of events that are sent at once before it is the turn of other listeners."""
+"""Maximum number of events that are sent to a listener before the others have their turn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,11 +37,11 @@ class EventFilter:
 
 class Listener:
     """A listening client. Events are read from the ring only when they can be sent, so a slow client delays
-    nothing.
+    no others.
 
     Args:
         after: see `Events.place`.
-        states: names of the robots whose newest state is sent at `state_hz`.
+        states: names of the robots whose newest states are sent at `state_hz`.
 
     Attributes:
         epoch: epoch of its events.
@@ -128,8 +128,8 @@ class Listener:
             yield self._event("alive", {})
 
     def _tick(self) -> None:
-        """Make states due. The next tick stays on the time grid of the rate, unless the event loop is a whole
-        period late.
+        """Mark states as due. Ticks stay on the time grid of the rate, unless the event loop is late by a
+        whole period.
         """
         self._due = True
         self._call()
@@ -137,5 +137,5 @@ class Listener:
         self._timer = self._loop.call_at(self._tick_s, self._tick)
 
     def _event(self, kind: str, data: dict[str, object]) -> Event:
-        """Make an event about the listener's position. The number of the event is this position."""
+        """Make an event whose number is the listener's position."""
         return Event(self._place, kind, "", self._events.rendered(kind, "", data, self._place))

@@ -1,4 +1,4 @@
-"""Recordings for clients: lists the existing files, and sends requests to the recorder."""
+"""Lists the recordings for clients, and sends requests to the recorder."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from cobot.recording.control import HANG_S, SILENT_S, ask, socket_path
 from cobot.recording.store import Recording, RecordingStore
 
 START_S = 30.0
-"""Maximum time that the first recorder of a `cobot run` takes to start, s. Until then it need not answer."""
+"""Maximum time that the first recorder of a `cobot run` takes to start, s. It need not answer before that."""
 LOOK_S = 0.2
-"""Interval at which the service checks that the recorder is alive, s."""
+"""Interval between checks that the recorder is alive, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class RecorderStatus:
 
     Attributes:
         alive: whether the recorder has updated its heartbeat in the last few seconds.
-        recording: name of the running continuous recording; "" while no continuous recording is running.
+        recording: name of the current continuous recording; "" if there is none.
         lost: number of cycles that are missing in the recordings, because the recorder was too slow.
         files, bytes: number and total size of all recordings.
         problem: reason why nothing can be recorded; "" if recording is possible.
@@ -53,7 +53,7 @@ class RecordingService:
         default_robot: name of the default robot, from which the name of the recorder's socket is derived.
 
     Attributes:
-        reading: lock, so that only one recording at a time is read.
+        reading: lock that makes sure that only one recording is read at a time.
     """
 
     def __init__(self, settings: Settings, default_robot: str) -> None:
@@ -88,15 +88,14 @@ class RecordingService:
     async def ask(self, action: str, seconds: float | None, timeout_s: float) -> list[str]:
         """Make the recorder `dump` the last seconds, or `start` or `stop` a continuous recording.
 
-        This waits for a recorder that `cobot run` has just started.
+        Waits for the recorder if `cobot run` has just started it.
 
         Returns:
-            The file names. For a recording that has been started, the prefix of the names of its files.
+            The file names; for a recording that has been started, the prefix of its file names.
 
         Raises:
             UnavailableError: the recorder is not running or hangs, or the file cannot be written.
-            ConflictError: a continuous recording is already running, or none is running that could be
-                stopped.
+            ConflictError: a continuous recording is already running, or there is none to stop.
         """
         asked_s = time.monotonic()
         await self._await_start(timeout_s)
@@ -105,7 +104,8 @@ class RecordingService:
         with contextlib.suppress(TornReadError):
             if (record := self._record()) is not None:
                 heard_ns = int(record["monotonic_ns"])
-        until_ns = (heard_ns or time.monotonic_ns()) + round(SILENT_S * 1e9)  # this ends the wait
+        # when this time has passed, the wait ends
+        until_ns = (heard_ns or time.monotonic_ns()) + round(SILENT_S * 1e9)
         request: dict[str, Any] = {"robot": self._robot, "action": action, "seconds": seconds}
         asking = asyncio.create_task(ask(self._socket, {**request, "until_ns": until_ns}, timeout_s))
         try:

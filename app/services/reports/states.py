@@ -1,4 +1,4 @@
-"""The newest state of a robot as text. The text is made once for all clients that need it at about the same
+"""The newest state of a robot as text, which is rendered once for all clients that need it at about the same
 time.
 """
 
@@ -16,11 +16,9 @@ from cobot.ipc.layout import MotionResult
 from cobot.types import Array, JointLimits
 
 SHARED_S = 0.004
-"""Maximum age of a text that is sent again, s."""
+"""Maximum age of a text that is shared with further clients, s."""
 DIGITS = 6
-"""Number of decimal places, which gives micrometres and microradians. More would only make the text
-longer.
-"""
+"""Number of decimal places: micrometres and microradians. More would only make the text longer."""
 
 
 class StateTexts:
@@ -81,7 +79,7 @@ def _pose(tcp: Array) -> dict[str, float]:
 
 
 def _share(values: Array, most: Array) -> float:
-    """Return the largest share of its limit that any joint uses."""
+    """Return the largest value as a share of its joint's limit."""
     return round(float(np.max(np.abs(values) / most)), 4)
 
 

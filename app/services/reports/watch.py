@@ -1,8 +1,7 @@
 """Publishes changes of rtloop's state as events. One task watches each robot.
 
-The task reads the state often while there is a listener or the arm moves. Otherwise it reads the state
-rarely, to save time. The state contains counts of interventions and motions, so none of them is missed in
-either case.
+While there is a listener or the arm is moving, the task reads the state often; otherwise rarely, to save
+computing time. The state contains counts of interventions and motions, so none is missed in either case.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ class StateWatch:
     """Compares each state with the previous one. The first state causes no event.
 
     Args:
-        stale_s: age of a state above which rtloop counts as silent, s.
+        stale_s: age of a state above which rtloop is reported as silent, s.
         streamer: function that returns a description of the streaming process.
         replaced: function that returns the number of planning processes that were replaced.
     """
@@ -62,7 +61,7 @@ class StateWatch:
 
         Args:
             state: None if it cannot be read.
-            cycle: number of rtloop's cycles since its start.
+            cycle: number of cycles since rtloop started.
             now_s: the current time, on the link's clock.
         """
         if (replaced := self._replaced()) > self._workers:
@@ -118,7 +117,7 @@ class StateWatch:
     def _look_at_interventions(self, state: RobotState, now_s: float) -> None:
         for kind, (told, told_s) in self._told.items():
             count = state.interventions[kind]
-            if count < told:  # rtloop was restarted, and counts from 0
+            if count < told:  # rtloop was restarted and counts from 0 again
                 self._told[kind] = count, now_s - EPISODE_S
             elif count > told and now_s - told_s >= EPISODE_S:
                 self._told[kind] = count, now_s

@@ -1,6 +1,6 @@
 """Claims: the exclusive right of one motion or one sequence to move the arm.
 
-`app.services.rights.ownership` decides which caller gets one.
+`app.services.rights.ownership` decides which caller gets a claim.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ from cobot.trajectory import Trajectory
 
 Result = TypeVar("Result")
 MAX_WAIT_S = 3600.0
-"""Longest single wait before the timeout is checked again, s. The wait is limited because the timeout may be
+"""Maximum wait before the timeout is checked again, s. It is limited because the timeout itself may be
 infinite.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Caller:
-    """The caller that requests a motion.
+    """The originator of a request for a motion.
 
     Attributes:
-        name: name that other clients see.
-        token: the token of the sequence on whose behalf the arm moves, if any.
-        stops: `Ownership.stops` when the request arrived. A later stop applies to this motion too.
-        timeout_s: time after which the motion must have ended, s.
-        gone: event that is set when the client disconnects. The arm then stops.
+        name: displayed name.
+        token: the token of the sequence that sent the request; None if another client sent it.
+        stops: `Ownership.stops` when the request arrived. If it has changed since, the motion is stopped.
+        timeout_s: timeout for the end of the motion, s.
+        gone: event that is set when the client disconnects, which stops the arm.
         job: the job of the motion; None if the caller needs the claim for something else.
-        waits: whether a client is waiting for the motion to end. If not, `timeout_s` applies only to its
-            beginning.
+        waits: whether a client is waiting for the motion to end. If not, `timeout_s` applies only until the
+            motion begins.
     """
 
     name: str
@@ -64,9 +64,9 @@ class Claim:
         since_s: time when the claim was made, on `clock`.
         client: the client that holds the claim.
         job: see `Caller`.
-        timeout_s, left_s: timeout of the motion, and the remaining part of it, s.
-        motion_id: motion number, once it runs.
-        trajectory: trajectory of the motion, once it runs.
+        timeout_s, left_s: timeout of the motion, and the remaining time, s.
+        motion_id: number of the motion, once it is running.
+        trajectory: trajectory of the motion, once it is running.
         goal: the goal of a single motion; None for all others.
         interruption: the reason to end the motion early. The event `interrupted` is set at the same time.
         ended: event that is set when the claim has ended.
@@ -89,7 +89,7 @@ class Claim:
     ended: asyncio.Event = field(default_factory=asyncio.Event)
 
     def interrupt(self, cause: ExecutionError) -> None:
-        """Interrupt this motion. If this is called several times, the first cause is kept."""
+        """Interrupt this motion. Only the cause from the first call is kept."""
         if self.interruption is None:
             self.interruption = cause
             self.interrupted.set()
@@ -100,7 +100,7 @@ class Claim:
             self.job.accepted.set()
 
     def fail(self, error: BaseException) -> None:
-        """Record why the motion failed. Only needed for an error that does not pass through
+        """Record why the motion failed. Needed only for errors that are not raised inside
         `Ownership.claim`.
         """
         if self.job is not None:
@@ -112,9 +112,9 @@ class Claim:
         self.interrupt(MotionTimeout(f"the motion has not {done} within {self.timeout_s:g} s"))
 
     def proceed(self) -> None:
-        """Raise the error of the interruption, if there was one.
+        """Raise the cause of the interruption, if the motion was interrupted.
 
-        The timeout may have passed unnoticed, because this process may have been suspended.
+        Also checks the timeout, which may have passed unnoticed while this process was suspended.
         """
         if self.left_s() <= 0.0:
             self.time_out()
@@ -122,7 +122,7 @@ class Claim:
             raise self.interruption
 
     async def run_interruptibly(self, work: Coroutine[Any, Any, Result]) -> Result:
-        """Return the result of `work`. An interruption of the claim cancels `work` and is raised."""
+        """Return the result of `work`. If the claim is interrupted, cancel `work` and raise the cause."""
         task = asyncio.create_task(work)
         interrupted = asyncio.create_task(self.interrupted.wait())
         try:
@@ -146,8 +146,7 @@ class SequenceClaim:
         token: token of the sequence's requests.
         since_s: time when the claim was made, on the service's clock.
         fraction: speed override before the sequence, which is restored at its end.
-        lease: the lease when the claim was made. If it has ended meanwhile, the speed override is not
-            restored.
+        lease: the lease when the claim was made. If it has ended since, the speed override is not restored.
         job: job of the sequence.
     """
 
@@ -165,7 +164,7 @@ def watching(claim: Claim, caller: Caller) -> Iterator[None]:
     """While the context is open, interrupt the motion or its planning if the client disconnects or the
     timeout passes.
 
-    The timeout refers to full speed. It is extended while the motion is slowed down or paused.
+    The timeout is for full speed, and is extended while the motion is slowed down or paused.
     """
     begun_s, before_s = claim.clock.now_s(), claim.speed_override.delays_s()
 

@@ -1,4 +1,6 @@
-"""A job: one motion from its request to its end, as people and programs follow its progress."""
+"""A job: one motion from its request to its end, in the form in which people and programs follow its
+progress.
+"""
 
 from __future__ import annotations
 
@@ -65,7 +67,7 @@ ENDS = frozenset({JobState.FINISHED, JobState.FAILED, JobState.CANCELLED, JobSta
 
 @dataclass(frozen=True, slots=True)
 class JobError:
-    """The reason why a job has not succeeded, in the form of the endpoint's answer.
+    """The reason why a job has not succeeded, in the form of an error answer.
 
     Attributes:
         detail: the reason as a sentence.
@@ -88,10 +90,10 @@ class JobError:
 
 @dataclass(frozen=True, slots=True)
 class JobRecord:
-    """The state of a job at one moment. The record of its end is kept.
+    """The state of a job at one time. The last record is kept.
 
     Attributes:
-        request: the request, or the newest change of its goal, in a short and readable form.
+        request: the request, or the newest change of its goal, as a short text.
         path, body: path and body of the HTTP request; "" and None for a job without an HTTP request. A long
             body is omitted.
         owner: the client that requested it.
@@ -102,13 +104,13 @@ class JobRecord:
         planned_duration_s: duration of the motion at its planned speed.
         remaining_s: the remaining time at the current speed override; None while it is unknown.
         note: see `Trajectory`.
-        started_at: time when its first motion began.
+        started_at: time at which its first motion began.
         actions: results of the actions, for the newest motion that has actions.
         waits_for: the condition that the motion is waiting for, in words; "" if it is not waiting.
         stopped_by, contact: see `SignalResults`.
     """
 
-    # A finding may be infinite, which JSON cannot express as a number.
+    # Findings may be infinite, which JSON numbers cannot express.
     __pydantic_config__: ClassVar[dict[str, Any]] = {"ser_json_inf_nan": "constants"}
 
     id: str
@@ -144,7 +146,7 @@ class Job:
         accepted: event that is set when all checks before planning have passed.
         ended: event that is set at the end. `end_record` is then the last record of the job.
         motion_id: number of the job's newest motion.
-        error: the reason of a failure, once it is known.
+        error: the reason for a failure, once it is known.
     """
 
     link: RobotLink
@@ -202,7 +204,7 @@ class Job:
         self.on_change(self)
 
     def follow_signals(self, results: Callable[[], SignalResults]) -> None:
-        """Report the actions and conditions of a motion from now on."""
+        """From now on, report the results of a motion's actions and conditions."""
         self._signals = results
 
     def prolong(self, trajectory: Trajectory) -> None:
@@ -224,7 +226,7 @@ class Job:
         self.on_change(self)
 
     def its_turn(self, override: SpeedOverride, motion_id: int | None, left_s: float) -> None:
-        """Record that the common motion of several jobs has reached this job, and the remaining time of this
+        """Record that a motion shared by several jobs has reached this job, and the remaining time of this
         job's part.
         """
         self._part_s, self._path_time_s = left_s, 0.0
@@ -240,8 +242,8 @@ class Job:
         """Record the progress of a sequence.
 
         Args:
-            done: number of waypoints that were passed. The current waypoint counts as a fraction.
-            of: number of all waypoints.
+            done: number of waypoints that have been passed, including the fraction of the current one.
+            of: total number of waypoints.
         """
         self._waypoints = done, of
 
@@ -251,7 +253,7 @@ class Job:
         self.on_change(self)
 
     def fail(self, error: BaseException) -> None:
-        """Record why the job does not succeed. If this is called several times, the first cause is kept."""
+        """Record why the job has failed. Only the cause from the first call is kept."""
         self.error = self.error or JobError.of(error)
 
     def end(self, state: JobState) -> None:

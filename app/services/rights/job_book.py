@@ -1,8 +1,8 @@
 """Keeps one robot's active jobs and its newest finished jobs.
 
-Records of finished jobs are in a JSON Lines file of limited size. So records survive a restart
-of the service, although motions do not. A job is written when it begins and when it ends. If a job
-has no end in the file, the service ended first and interrupted it.
+The records are in a JSON Lines file of limited size, so they survive a restart of the service, although
+motions do not. Each job is written when it begins and when it ends. A job without an end in the file was
+interrupted by the end of the service.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ KEPT = 1000
 MAX_BYTES = 4_000_000
 OLDER_FILES = 1
 AGAIN_AFTER = 500
-"""Number of lines after which unfinished jobs are written again. This happens before the oldest lines are
-dropped.
+"""Number of lines after which unfinished jobs are written again, so that they are not dropped with the oldest
+lines.
 """
 END_S = 1.0
 
@@ -46,7 +46,7 @@ class _Piece(NamedTuple):
     """Lines to write to the file.
 
     Attributes:
-        number: number of changes to the book before the lines were made.
+        number: number of changes to the book when the lines were made.
         whole: whether the lines contain all jobs at that time.
     """
 
@@ -62,7 +62,8 @@ class JobBook:
         file: file for the records; None to keep them only in memory.
 
     Attributes:
-        ending: whether the service is shutting down. Jobs that end after that count as interrupted.
+        ending: whether the service is shutting down. Jobs that end during shutdown are recorded as
+            interrupted.
     """
 
     def __init__(self, link: RobotLink, file: Path | None = None) -> None:
@@ -72,7 +73,7 @@ class JobBook:
         self._lines: OrderedDict[str, bytes] = OrderedDict()
         self._written = 0
         self._whole = 0
-        """The file is complete up to the change with this number."""
+        """Number of the change up to which the file is complete."""
         self._told = False
         self.ending = False
         self._path = file
@@ -80,7 +81,8 @@ class JobBook:
         self._outlet: Outlet[_Piece] | None = None
         if file is not None:
             self._file = RotatingFile(file, MAX_BYTES, OLDER_FILES, strict=True)
-            # Unwritten records stay in memory. Once the disk has room, the whole book is written again.
+            # Records that cannot be written stay in memory. Once the disk has space, the whole book is
+            # written again.
             self._outlet = Outlet(self._append, self._everything, settle=self._file.sync)
             self._read(file)
 
@@ -95,8 +97,7 @@ class JobBook:
     def new(
         self, kind: JobKind, request: str = "", parent: str | None = None, number: str | None = None
     ) -> Job:
-        """Make a new job for the client on whose behalf the current task runs. It is in the book once it
-        begins.
+        """Make a new job for the client of the current task. It is added to the book when it begins.
 
         Args:
             number: job id; None to make a new id.
@@ -181,24 +182,26 @@ class JobBook:
         self._told = bool(self.problem)
 
     def _append(self, piece: _Piece) -> None:
-        """Append a piece to the file. The writing thread calls this.
+        """Append a piece to the file. Called in the writing thread.
 
-        A piece that waited while the whole book was rewritten is outdated, because it may list ended jobs as
-        active.
+        A piece that waited while the whole book was rewritten is dropped, because it is out of date: it may
+        list ended jobs as active.
         """
         assert self._file is not None
         if piece.number > self._whole or piece.whole:
-            for line in piece.lines.splitlines(keepends=True):  # together they may exceed a file size
+            # line by line, because together they may exceed the size of one file
+            for line in piece.lines.splitlines(keepends=True):
                 self._file.append(line)
         if piece.whole:
             self._whole = piece.number
 
     def _everything(self, lost: int) -> _Piece:
-        """Make lines for all records, after some lines were lost. The writing thread calls this."""
+        """Make lines for all records, because some lines were lost. Called in the writing thread."""
         del lost
-        number = self._written  # read first, because a change meanwhile has its own line
+        number = self._written  # read first, because later changes have their own lines
         lines = dict(self._lines)
-        live = [lines.pop(job) for job in list(self._live) if job in lines]  # last, as the newest
+        # active jobs last, because they are the newest
+        live = [lines.pop(job) for job in list(self._live) if job in lines]
         return _Piece(number, b"".join([*lines.values(), *live]), whole=True)
 
     def _read(self, file: Path) -> None:
@@ -223,11 +226,11 @@ class JobBook:
 
 
 def _interrupted(record: JobRecord, alive: datetime, found: datetime) -> JobRecord:
-    """Make the last record for a job whose end was not written.
+    """Make the last record of a job whose end was not written.
 
     Args:
-        alive: time at which the service last wrote a record for any job.
-        found: the current time.
+        alive: time at which the service last wrote a record of any job.
+        found: time at which the interruption was noticed: now.
     """
     ended_at = max(alive, record.started_at or record.created_at)
     sentence = (

@@ -1,8 +1,8 @@
 """The control lease: the exclusive right to move a robot, including the time between motions.
 
 During a motion, a session or a sequence no other client can move the robot; see `Ownership`. A client takes a
-lease to keep other clients from moving the robot before, between or after them. The lease ends when it is
-released, when its client disconnects, when it expires unused, or when another client takes it over. A stop
+lease so that other clients cannot move the robot before, between or after its motions. The lease ends when it
+is released, when its client disconnects, when it expires unused, or when another client takes it over. A stop
 never needs a lease.
 """
 
@@ -28,7 +28,8 @@ class Lease:
     """A lease of one client.
 
     Attributes:
-        token: text that identifies the holder. A WebSocket that has taken the lease need not send it.
+        token: text by which the holder identifies itself. A WebSocket that has taken the lease need not send
+            it.
         since_s, until_s: beginning and end, on the service's clock. `until_s` is moved forward while the
             lease is used.
         timeout_s: time after which an unused lease ends, s.
@@ -46,8 +47,8 @@ class ControlLease:
     next read.
 
     Args:
-        moving: function that returns whether a motion or a sequence is running. Meanwhile the lease does not
-            expire.
+        moving: function that returns whether a motion or a sequence is running. As long as it is, the lease
+            does not expire.
         ended: function that is called when a lease has ended.
         tell: function that is called with the change of a lease ("taken", "released", "expired", "taken
             over", "disconnected" or "revoked") and with the lease.

@@ -22,23 +22,25 @@ from cobot.trajectory import Trajectory
 BY_STOP = "stopped by POST /stop"
 COMMAND = "cobot stop"
 BY_COMMAND = f"stopped by {COMMAND}"
-"""Reason for a stop by `cobot stop`, which counts stops in shared memory. The audit log names the user."""
+"""Reason for a stop by `cobot stop`, which requests it through shared memory. The audit log names the
+user.
+"""
 
 
 class Ownership:
     """Gives the claim on the arm to one request at a time.
 
-    A running sequence holds the claim from its start to its end. Requests with its token move the arm on its
-    behalf. If a sequence or the holder of a lease has set a speed override, the override ends with the
-    sequence or the lease.
+    A running sequence holds the claim from its start to its end, and requests with its token may move the
+    arm. If a sequence or the holder of a lease has set a speed override, the override ends with the sequence
+    or the lease.
 
     Attributes:
         stops: number of calls of POST /stop so far.
         speed_override: speed override of all motions.
-        lease: the control lease. While a client holds it, no other client may request motions.
+        lease: the control lease. While a client holds it, other clients cannot move the arm.
         jobs: the jobs of all motions.
         on_sequence_end: function that is called with the token of each sequence that has ended.
-        before_motion: function that waits for work that must be done before a motion claims the arm.
+        before_motion: function that waits for work that must be finished before a motion claims the arm.
     """
 
     def __init__(self, link: RobotLink, jobs: JobBook | None = None) -> None:
@@ -46,7 +48,7 @@ class Ownership:
         self.jobs = jobs or JobBook(link)
         self._claim: Claim | None = None
         self._sequence: SequenceClaim | None = None
-        self._fraction = 1.0  # speed override without a lease or a sequence
+        self._fraction = 1.0  # the speed override that applies without a lease or a sequence
         self.stops = 0
         self.on_sequence_end: Callable[[str], None] = lambda token: None
         self.before_motion: Callable[[], Awaitable[None]] = _do_nothing
@@ -58,7 +60,7 @@ class Ownership:
 
     @property
     def owner(self) -> str | None:
-        """Description of the request that is moving the arm now; None while no request is moving it."""
+        """Description of the request that is moving the arm; None if there is none."""
         if self._claim is not None:
             return str(self._claim)
         return self._sequence.name if self._sequence else self._link.streamer()
@@ -70,7 +72,9 @@ class Ownership:
 
     @property
     def motion(self) -> tuple[int, Trajectory] | None:
-        """The trajectory and number of the current motion; None if the arm follows no planned path."""
+        """The number and trajectory of the current motion; None if the arm is not following a planned
+        path.
+        """
         claim = self._claim
         if claim is None or claim.motion_id is None or claim.trajectory is None:
             return None
@@ -88,7 +92,7 @@ class Ownership:
     @property
     def speed_fraction(self) -> float:
         """Speed at which a motion would begin now, as a share of its planned speed."""
-        _ = self.lease.current  # ends an expired lease, and its speed override with it
+        _ = self.lease.current  # ends an expired lease, and thereby its speed override
         return self.speed_override.fraction
 
     @property
@@ -97,8 +101,8 @@ class Ownership:
         return None if self._sequence is None else self._sequence.job
 
     def new_job(self, kind: JobKind, request: str = "", number: str | None = None) -> Job:
-        """Make a new job for a `Caller`. If a sequence sends the request, the job belongs to the sequence's
-        job.
+        """Make a new job for a `Caller`. If a sequence sends the request, the sequence's job is the parent of
+        the new one.
 
         Args:
             number: job id; None to make a new id.
@@ -109,7 +113,7 @@ class Ownership:
         return self.jobs.new(kind, request, parent, number)
 
     def claim_for_sequence(self, name: str, token: str, kind: JobKind = JobKind.SEQUENCE) -> None:
-        """Claim the arm for requests with a token.
+        """Claim the arm for a sequence, whose requests carry `token`.
 
         Args:
             name: displayed name.
@@ -169,7 +173,7 @@ class Ownership:
             self.lease.require(client)
 
     def require_control(self) -> None:
-        """Check that no other client has the lease, on behalf of a running sequence.
+        """Check, for a running sequence, that no other client has the lease.
 
         Raises:
             ConflictError: another client has the lease.
@@ -182,7 +186,7 @@ class Ownership:
         """Check that no other client is moving the arm or has control.
 
         Args:
-            what: the action that needs this, for the error.
+            what: the action that needs the check, for the error message.
 
         Raises:
             ConflictError: another client is moving the arm or has control.
@@ -217,7 +221,7 @@ class Ownership:
         self.speed_override.restore(self._fraction)
 
     def end(self, job: Job, error: BaseException | None = None, *, stopped: bool = False) -> None:
-        """End a job. `error` is the reason of a failure. `stopped` is true if the job was stopped on
+        """End a job. `error` is the reason for a failure. `stopped` is true if the job was stopped on
         request.
         """
         if error is not None:
@@ -232,7 +236,7 @@ class Ownership:
     def _tell_lease(self, what: str, lease: Lease) -> None:
         """Report a change of the lease and the client that caused it.
 
-        For a new lease this client is the holder. A lease may also end during another client's request.
+        For a new lease, this client is its holder. A lease may also end during a request of another client.
         """
         client, by = lease.client, CLIENT.get()
         more = {"by": str(by)} if what == "taken over" else {}
@@ -259,8 +263,8 @@ class Ownership:
 
     @contextlib.contextmanager
     def claim(self, caller: Caller) -> Iterator[Claim]:
-        """Claim the arm while the context is open. If a stop was requested later than this motion, the claim
-        is interrupted.
+        """Claim the arm while the context is open. If a stop has been requested after this motion, the claim
+        is interrupted at once.
 
         Raises:
             ConflictError: another client is moving the arm.
@@ -293,14 +297,14 @@ class Ownership:
             logs.bind(motion=None)
 
     def stops_before(self, begun_s: float | None) -> int:
-        """Return `stops` at the time when a request began to arrive; None for now. A later stop applies to
-        the request's motion too.
+        """Return the value of `stops` when a request began to arrive; None means now. A stop after that time
+        also ends the request's motion.
         """
         return self.stops - (begun_s is not None and begun_s <= self._stopped_s)
 
     def stop(self, reason: StopReason | None = None) -> Claim | None:
-        """Interrupt the motion that is being read, planned or executed. Returns the claim that will end; None
-        if there was nothing to interrupt.
+        """Interrupt the motion whose request is being read, planned or executed. Returns the claim that will
+        end; None if there was nothing to interrupt.
         """
         self.stops += 1
         self._stopped_s = self._link.clock.now_s()
@@ -312,7 +316,7 @@ class Ownership:
             self.interrupt(cause)
 
     def interrupt(self, cause: ExecutionError) -> Claim | None:
-        """Interrupt the current claim. Requests that still wait to be read are not affected."""
+        """Interrupt the current claim, but no requests that are still being read."""
         self.speed_override.reset()
         if self._claim is not None:
             self._claim.interrupt(cause)

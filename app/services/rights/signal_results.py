@@ -1,4 +1,4 @@
-"""Results of a motion's actions and conditions, in the form that answers and job records use."""
+"""Results of a motion's actions and conditions, in the form of answers and job records."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class ActionOutcome:
 
 @dataclass(frozen=True, slots=True)
 class ContactOutcome:
-    """The moment at which the condition `until` was met.
+    """The state of the arm when the condition `until` was met.
 
     Attributes:
         position, quaternion: TCP pose in the base frame, m and (x, y, z, w).

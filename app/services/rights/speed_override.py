@@ -19,9 +19,9 @@ from cobot.errors import (
 from cobot.types import RESTING
 
 REST_TIMEOUT_S = 3.0
-"""Time within which a motion must be at rest after a request to pause, s."""
+"""Timeout for the arm to be at rest after a request to pause, s."""
 MAX_PAUSE_S = 3600.0
-"""Pauses extend the timeout of a motion by at most this time, s."""
+"""Maximum time by which pauses extend the timeout of a motion, s."""
 FRACTIONS = (0.01, 1.0)
 """Smallest and largest fraction of full speed that may be set. A fraction of 0 is also permitted."""
 
@@ -35,7 +35,7 @@ class SpeedOverride:
     Attributes:
         fraction: speed of motions that are not paused, as a fraction of full speed.
         opened: event that is set while motions may begin.
-        others: the speed overrides of robots that move together with this one. They pause and continue
+        others: the speed overrides of robots that move together with this one. They all pause and continue
             together.
         follows_stream: whether the current streaming session handles pauses and the fraction itself.
     """
@@ -65,8 +65,8 @@ class SpeedOverride:
         return self.delays_s()[0]
 
     def delays_s(self) -> tuple[float, float]:
-        """Return two times, s. The first is the duration of all pauses, including the current one. The second
-        is the time that motions have lost outside pauses because the fraction was below 1.
+        """Return the duration of all pauses, including the current one, and the time that motions have lost
+        outside pauses because the fraction was below 1, both in s.
         """
         lasts_s = self._link.clock.now_s() - self._since_s
         if self.paused:
@@ -77,7 +77,7 @@ class SpeedOverride:
         """Set the fraction for the current motion and all later ones.
 
         Raises:
-            ConflictError: the robot is moving together with other robots.
+            ConflictError: the robot is moving in step with other robots.
             LimitError: the fraction is out of bounds.
             NotSupportedError: the device executes whole motions itself.
             UnavailableError: rtloop does not answer.
@@ -111,12 +111,12 @@ class SpeedOverride:
         self._settle()
 
     async def _restore(self) -> None:
-        with contextlib.suppress(UnavailableError):  # a new rtloop has no motion that could be paused
+        with contextlib.suppress(UnavailableError):  # a restarted rtloop has no motion that could be paused
             await self._apply()
 
     async def pause(self) -> None:
-        """Pause the arm and all robots that move together with it. They stop on their paths, and no motion
-        begins.
+        """Pause the arm and all robots that move together with it. They stop on their paths, and no new
+        motion begins.
 
         Returns when all of them are at rest.
 
@@ -133,7 +133,8 @@ class SpeedOverride:
                     "a streaming session has no path on which it could pause; end it, or POST /stop"
                 )
             override._require_path_clock()
-        for override in overrides:  # before any wait, so that a motion that ends meanwhile ends the pause too
+        # before anything is awaited, so that a motion that ends in the meantime also ends the pause
+        for override in overrides:
             override._asked = True
             override._settle()
         await asyncio.gather(*(override._come_to_rest() for override in overrides))
@@ -185,7 +186,7 @@ class SpeedOverride:
         self._changed()
 
     def _account(self) -> None:
-        """Add the time since the last change to the totals, before the next change."""
+        """Add the time since the last change to the totals. Call this before each change."""
         self._paused_s, self._slowed_s = self.delays_s()
         self._since_s = self._link.clock.now_s()
 
@@ -202,4 +203,4 @@ class SpeedOverride:
         try:
             await self._link.commands.set_rate(0.0 if self.paused else self.fraction)
         except ExecutionError:
-            return  # no motion is running; the next one applies the override
+            return  # no motion is running; the override is applied to the next one

@@ -9,18 +9,18 @@ from app.services.clients import CLIENT
 from cobot.errors import MotionStopped
 
 StopCause = Literal[
-    "stop",  # a client or `cobot stop`
-    "cancelled",  # a client ended this job alone
+    "stop",  # a client requested a stop, or `cobot stop` did
+    "cancelled",  # a client ended only this job
     "replaced",  # a client requested something else instead
     "taken_over",  # a client took over the control
     "client_left",  # the client that requested the motion disconnected
-    "scene",  # the motion would touch something that was added meanwhile
+    "scene",  # the motion would touch an object that has been added in the meantime
     "gripper",  # the gripper lost its object
     "move_before",  # the move before it in the queue failed
     "other_robot",  # another robot of the synchronous motion stopped
     "watchdog",  # a watchdog was not written in time
-    "service",  # the service ends
-    "robot",  # rtloop or the device: the mode and its reason say why
+    "service",  # the service is shutting down
+    "robot",  # rtloop or the device; the mode's reason has the details
 ]
 
 

@@ -1,4 +1,4 @@
-"""POST /stop: stops the arm first, regardless of the state of the rest of the service."""
+"""POST /stop: stops the arm before anything else, whatever state the rest of the service is in."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ settle.
 HELD, FAST = 2, 1
 """Stop categories of IEC 60204-1 that `POST /stop` accepts."""
 StopPrograms = Callable[[StopReason], Awaitable[str | None]]
-"""Type of a function that ends the running sequence or program for a reason. It returns a description of what
-it ended, or None.
+"""Type of a function that ends the running sequence or program, with a reason. It returns a description of
+the ended one, or None.
 """
 UNMEASURED_S = 0.25
-"""Maximum age of a measurement, s. With an older measurement it is unknown whether the arm is at rest."""
+"""Maximum age of a measurement, s. If it is older, it is unknown whether the arm is at rest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +46,8 @@ class Stopped:
         position: measured joint positions, rad; None if rtloop does not answer.
         category: stop category of IEC 60204-1 that was carried out. Category 2 means that the drives hold the
             arm, category 1 that the drives are off.
-        confirmed: whether the device itself reports that the arm is at rest. If not, only cobot has
-            determined this.
+        confirmed: whether the device itself reports that the arm is at rest. If false, only cobot has
+            determined it.
     """
 
     success: bool
@@ -61,7 +61,9 @@ class Stopped:
 
     @property
     def confirmed_by(self) -> str | None:
-        """Source that confirms that the arm is at rest: the device itself or cobot; None if neither does."""
+        """The source of the confirmation that the arm is at rest: the device itself or cobot; None if neither
+        confirms it.
+        """
         if not self.at_rest:
             return None
         return "device" if self.confirmed else "cobot"
@@ -87,7 +89,7 @@ def together(stops: dict[str, Stopped]) -> Stopped:
 
 
 class StopService:
-    """Stops the arm. It takes no lock, waits in no queue and needs no control."""
+    """Stops the arm, without a lock, a queue or control."""
 
     def __init__(self, link: RobotLink, ownership: Ownership, stop_programs: StopPrograms) -> None:
         self._link = link
@@ -96,7 +98,7 @@ class StopService:
         self._following: set[asyncio.Task[Stopped]] = set()
 
     def follow(self) -> None:
-        """End all requests that would move the arm again, after a stop from outside this service."""
+        """After a stop from outside this service, end all requests that would move the arm again."""
         task = asyncio.create_task(self.stop(MIN_STOP_S, StopReason(BY_COMMAND, by=COMMAND)))
         self._following.add(task)
         task.add_done_callback(self._following.discard)
@@ -123,7 +125,7 @@ class StopService:
         )
         stopped = [item for item in (sequence, motion or orphan) if item]
         at_rest = state is not None and _idle(state) and state.settled
-        if at_rest and claim is not None:  # the client that stopped the arm may move it next
+        if at_rest and claim is not None:  # so that the client that stopped the arm can move it next
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(claim.ended.wait(), END_TIMEOUT_S)
         carried_out, confirmed = await self._confirm_category(category, begun_s + timeout_s - 0.5, problems)
@@ -171,9 +173,9 @@ class StopService:
             return str(exc)
 
     async def stop_motion(self, reason: StopReason, timeout_s: float = MOTION_STOP_S) -> None:
-        """End the current motion of any client. Returns when the arm is at rest.
+        """End the current motion, regardless of its client. Returns when the arm is at rest.
 
-        Nothing else ends. A sequence continues after its stopped motion.
+        Nothing else ends. A sequence continues after the stopped motion.
 
         Args:
             reason: the reason that is reported to the client whose motion is stopped.
@@ -195,8 +197,8 @@ class StopService:
                 await asyncio.wait_for(claim.ended.wait(), END_TIMEOUT_S)
 
     async def reset(self, timeout_s: float) -> None:
-        """Leave ESTOP or FAULT. Earlier requests can no longer move the arm. A sequence or program that
-        waited during the ESTOP or FAULT ends.
+        """Leave ESTOP or FAULT. Earlier requests can no longer move the arm. A sequence or program that was
+        waiting is ended.
 
         Raises:
             ConflictError, NotReadyError, UnavailableError: see `Commands.reset`.
@@ -213,8 +215,8 @@ class StopService:
         )
 
     def _unclaimed_motion(self) -> str | None:
-        """Describe a motion without a claim. A local client, or an earlier service that has died, has started
-        it.
+        """Describe a motion without a claim, which a local client or an earlier, crashed service has started;
+        None if there is none.
         """
         try:
             state = self._link.state()

@@ -23,9 +23,7 @@ class CellService:
         self._link = link
 
     def require(self) -> Cell:
-        """Return the simulated cell. Raises NotFoundError, with the remedy, if the robot has no simulated
-        cell.
-        """
+        """Return the simulated cell. Raises NotFoundError, with advice, if the robot has none."""
         if self.cell is None:
             raise NotFoundError(
                 "this robot has no simulated cell; start it with cobot run --cell FILE, or set robot.cell"

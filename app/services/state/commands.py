@@ -24,10 +24,12 @@ if TYPE_CHECKING:
 ACKNOWLEDGE_S = 3.0
 """Timeout for an acknowledgement, s. rtloop verifies the largest trajectory in 0.4 s."""
 STATE_S = 1.5
-"""Maximum time to wait for a state before a reset, s."""
+"""Timeout for a state before a reset, s."""
 POLL_S = 0.001
 IN_THREAD_SEGMENTS = 2000
-"""Maximum number of segments that are copied in the event loop. A thread copies a longer trajectory."""
+"""Maximum number of segments of a trajectory that is copied in the event loop. Longer ones are copied in a
+thread.
+"""
 
 
 class Commands:
@@ -66,11 +68,11 @@ class Commands:
 
         Raises:
             ExecutionError: rtloop rejects the motion; the error gives the reason.
-            UnavailableError: rtloop does not answer, or see `Heartbeat.require_awake`.
+            UnavailableError: rtloop does not answer; or see `Heartbeat.require_awake`.
             InputError: the motion is larger than a slot.
         """
         async with self._turn:
-            # The state may be from the cycle before the last acknowledgement.
+            # Count here too, because the state may be from the cycle before the last acknowledgement.
             self._last_motion = max(self._last_motion, self._link.state().motion_id) + 1
             motion_id, number = self._last_motion, self._last_motion % SLOTS
             self._slot, self.handed_over = number, (motion_id, trajectory)
@@ -78,7 +80,7 @@ class Commands:
             motions.prepare(motion_id, trajectory.duration_s)
             try:
                 await self._write(number, motion_id, trajectory, fence, signals)
-            except BaseException:  # also if cancelled, when nothing has been sent
+            except BaseException:  # also on cancellation, because nothing has been sent
                 self.handed_over = None
                 motions.forget_begin()
                 raise
@@ -110,8 +112,8 @@ class Commands:
         """Continue the current motion on a new trajectory. It remains the same motion, within the same fence.
 
         Args:
-            trajectory: the new trajectory. It must equal the current one up to the point that the arm has
-                reached when rtloop has read it.
+            trajectory: the new trajectory. It must equal the current one up to the point that the arm reaches
+                while rtloop reads it.
             offset_s: path time of the current trajectory at which the new one begins.
             stops, tool: see `start`.
             signals: actions and conditions, with path times of the new trajectory. Actions that have fired do
@@ -145,8 +147,8 @@ class Commands:
         fence: Fence | None = None,
         signals: Placed = NO_PLACED,
     ) -> None:
-        """Write a trajectory into a slot. This returns or raises only when nothing writes into the slot any
-        longer, so that the next command never shares the slot with a thread of this command.
+        """Write a trajectory into a slot. Even after an error, this returns only once its thread has stopped
+        writing, so that the next command has the slot for itself.
         """
         slot = self._memory.slots[number]
         if trajectory.segments <= IN_THREAD_SEGMENTS:
@@ -172,7 +174,7 @@ class Commands:
             await self._send(Command.SET_RATE, stops=self._link.stops, value=rate)
 
     async def set_tool(self, tool: Tool, mounted: Tool, scene_version: int) -> None:
-        """Make rtloop and the simulation use this tool from now on, and read the scene's file.
+        """Make rtloop and the simulation use this tool, and make rtloop read the scene's file.
 
         Args:
             mounted: the tool without the parts of a simulated cell.
@@ -192,13 +194,13 @@ class Commands:
 
         Raises:
             ExecutionError: the device rejects the value; the error gives the reason.
-            UnavailableError: rtloop does not answer this command or an earlier one. The output is not set
-                later.
+            UnavailableError: rtloop does not answer this command or an earlier one. The output will not be
+                set later either.
         """
         try:
             async with asyncio.timeout(ACKNOWLEDGE_S):
                 await self._turn.acquire()
-        except TimeoutError as exc:  # a reset may take much longer, and the client does not wait for it
+        except TimeoutError as exc:  # a reset may take much longer than the client waits
             raise UnavailableError(
                 f"{name} is not set, because rtloop has been busy with another command, for example a "
                 f"reset, for {ACKNOWLEDGE_S:g} s; try again"
@@ -259,7 +261,7 @@ class Commands:
             await self._send(Command.SCENE, stops=self._link.stops, scene=version)
 
     async def reset(self, timeout_s: float) -> None:
-        """Leave ESTOP or FAULT. Earlier requests that still wait can no longer move the arm.
+        """Leave ESTOP or FAULT. Pending earlier requests can no longer move the arm.
 
         Args:
             timeout_s: timeout for the robot to be enabled.
@@ -274,7 +276,8 @@ class Commands:
             raise ConflictError(f"motion {state.motion_id} is {state.mode.name}: there is nothing to reset")
         if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):
             self._link.request_stop()
-        asked = self._link.stops + self._link.estops  # a stop takes precedence while this waits
+        # a stop that is requested during this wait takes precedence
+        asked = self._link.stops + self._link.estops
         async with self._turn:
             try:
                 await self._send(Command.RESET, stops=asked, timeout_s=timeout_s)
@@ -282,7 +285,7 @@ class Commands:
                 raise NotReadyError(str(exc)) from exc
 
     async def acknowledge(self) -> None:
-        """Confirm to rtloop that a person has compared the findings of the first contact with the arm.
+        """Confirm to rtloop that a person has checked the findings of the first contact against the arm.
 
         Raises:
             UnavailableError: rtloop does not answer.
@@ -302,8 +305,8 @@ class Commands:
         scene: int = 0,
         timeout_s: float = ACKNOWLEDGE_S,
     ) -> None:
-        """Send a command and wait for its execution. The command is never executed later, because rtloop
-        rejects a command if a stop was requested after it.
+        """Send a command and wait for its execution. After a timeout, it is not executed later, because
+        rtloop rejects a command if a stop has been requested since.
         """
         number = int(self._memory.head.data["id"]) + 1
         command = self._memory.commands[number % RING]
@@ -335,7 +338,7 @@ class Commands:
 
 
 def loading_s(segments: int, period_s: float) -> float:
-    """Return the maximum time for rtloop to load a motion, s. A busy computer may miss as many cycles as the
-    loading needs.
+    """Return the maximum time that rtloop takes to load a motion, s. On a busy computer, half of the cycles
+    may be missed.
     """
     return 2.0 * period_s * segments / LOADED_SEGMENTS

@@ -1,5 +1,5 @@
-"""Sends the service's heartbeat to rtloop, and detects pauses of the service and stops from outside between
-two beats.
+"""Sends the service's heartbeat to rtloop. Between two heartbeats, it detects suspensions of the service, and
+stops from outside.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ from cobot.ipc.shm import RobotMemory
 
 HEARTBEAT_S = 0.05
 PAUSE_S = 1.0
-"""Minimum duration at which an interruption of the service counts as a pause, s. By then rtloop has stopped
-the arm.
+"""An interruption of the service of at least this duration is a pause, s. By then rtloop has stopped the
+arm.
 """
 CATCH_UP_S = 0.25
-"""Time after a pause in which the service reads all requests that waited, s."""
+"""Time after a pause within which the service reads all requests that arrived during it, s."""
 
 log = logging.getLogger("cobot.service")
 
 
 class Heartbeat:
-    """Sends the heartbeat. The event loop itself sends it, so a blocked event loop sends none.
+    """Sends the heartbeat from the event loop, so that it stops if the event loop is blocked.
 
     Attributes:
-        on_outside_stop: function that is called when the arm was stopped through shared memory, as `cobot
-            stop` does.
+        on_outside_stop: function that is called when another process, such as `cobot stop`, has stopped the
+            arm through shared memory.
     """
 
     def __init__(self, memory: RobotMemory, clock: Clock, label: str) -> None:
@@ -68,7 +68,9 @@ class Heartbeat:
             await asyncio.sleep(HEARTBEAT_S)
 
     def watch_for_pauses(self) -> None:
-        """Begin to watch for pauses. The service's start, which may take long, does not count as one."""
+        """Begin to watch for pauses. Called after the service's start, which may take long but is not a
+        pause.
+        """
         self._beaten_s = self._clock.now_s()
 
     def _note_pause(self) -> None:
@@ -80,7 +82,7 @@ class Heartbeat:
             log.warning("%sthe service was suspended for %.1f s", self._label, self._paused_s)
 
     def require_awake(self) -> None:
-        """Reject requests that may be old, because they waited while this process was suspended.
+        """Reject requests that may be old because this process was suspended.
 
         Raises:
             UnavailableError: the process was suspended until just now.

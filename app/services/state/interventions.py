@@ -10,7 +10,7 @@ from cobot.clock import SYSTEM, Clock, WallTime
 from cobot.ipc.layout import Intervention
 
 EPISODE_S = 1.0
-"""Duration of an episode, s. Interventions of one kind within this time count as one episode."""
+"""Duration of an episode, s. Interventions of one kind within this time belong to one episode."""
 
 log = logging.getLogger("cobot.interventions")
 

@@ -40,9 +40,9 @@ class IoService:
             value: true or false, or a number, according to the kind of the output.
 
         Raises:
-            NotFoundError: there is no such output; the text lists the existing ones.
+            NotFoundError: there is no such output; the error lists the existing ones.
             InputError, LimitError: the name belongs to an input, or the value is invalid.
-            DeviceError: the device rejects the value; the text gives the device's reason.
+            DeviceError: the device rejects the value; the error gives the device's reason.
             DeviceTimeout: the device has not reported the value in time.
             UnavailableError: rtloop does not answer.
         """

@@ -38,10 +38,10 @@ class RobotLink:
     """Reads the data that rtloop publishes, and requests stops. It never waits for a lock.
 
     Attributes:
-        clock: clock of the service. Its times can be compared with those in shared memory.
+        clock: clock of the service. Shared memory contains times on the same clock.
         label: prefix of log lines about this robot; "" if it is the only one.
-        events: receives the events of this robot.
-        motions: reports the beginning and the end of its motions.
+        events: publisher for the events of this robot.
+        motions: publisher for the beginning and the end of motions.
         heartbeat: heartbeat of the service.
         commands: sends all other commands to rtloop. Only one service at a time may send them.
 
@@ -71,24 +71,25 @@ class RobotLink:
         self.memory.close()
 
     def _take_over(self) -> None:
-        """Continue the counters of the previous service, and end its motion. If these counters cannot be
-        read, the values that rtloop has last read are used.
+        """Continue the counters of the previous service, and end its motion. If the counters cannot be read,
+        continue with the values that rtloop read last.
         """
         memory = self.memory
         seen = memory.state.data if memory.state.try_read() else None
         if seen is not None and seen["motion_result"] != MotionResult.RUNNING:
             self.motions.last_ended = int(seen["motion_id"])
         if not memory.requests.try_read() and seen is not None:
-            # The numbers that rtloop reports include the stops from outside the service.
+            # Subtract the stops from outside the service, which rtloop's numbers include.
             outside = np.uint64(memory.outside_stops.value), np.uint64(memory.outside_estops.value)
             memory.requests.data["stops"] = seen["stops_seen"] - outside[0]
             memory.requests.data["estops"] = seen["estops_seen"] - outside[1]
             memory.requests.data["fast_stops"] = 0
-            memory.requests.publish()  # rtloop must know this before the first command
+            memory.requests.publish()  # rtloop must have this before the first command
         if not memory.head.try_read() and seen is not None:
             memory.head.data["id"] = seen["command_seen"]
         if seen is not None and seen["motion_result"] == MotionResult.RUNNING:
-            self.request_stop()  # The service that began it has ended. No client waits for its end.
+            # The service that began the motion has ended, so no client is waiting for it.
+            self.request_stop()
 
     def state(self) -> RobotState:
         """Return the newest state, regardless of its age.
@@ -109,8 +110,7 @@ class RobotLink:
     def silence(self, state: RobotState) -> str:
         """Return the reason why this state is out of date; "" while rtloop is alive.
 
-        This also checks the process, because a state that was published just before rtloop died is still
-        fresh.
+        Also checks the process, because a state that was published just before rtloop died is still fresh.
         """
         pid = self.rtloop_pid()
         if state.age_s > self._stale_after_s:
@@ -126,7 +126,7 @@ class RobotLink:
             newest = block.sequence
             if newest == publication:
                 break
-            # otherwise the record is a later state, which would then be returned twice
+            # otherwise the record is a later state, which would be returned again next time
             if block.try_read() and block.sequence == newest:
                 return newest, record_of(block.data.tobytes(), block.data.dtype)
         return publication, None
@@ -271,7 +271,7 @@ class RobotLink:
         if self.memory.io.sequence == 0:
             return None
         try:
-            return report_of(self.memory.io.read())  # which tries again while rtloop writes
+            return report_of(self.memory.io.read())  # `read` tries again while rtloop is writing
         except (TornReadError, ValueError):
             return None
 
@@ -308,12 +308,12 @@ class RobotLink:
 
     @property
     def tool_version(self) -> int | None:
-        """Version of the tool that rtloop uses; None if the version cannot be read."""
+        """Return the version of the tool that rtloop uses; None if it cannot be read."""
         return self._version("tool_version")
 
     @property
     def scene_version(self) -> int | None:
-        """Version of the scene that rtloop last received; None if the version cannot be read."""
+        """Return the version of the scene that rtloop last received; None if it cannot be read."""
         return self._version("scene_version")
 
     def _version(self, name: str) -> int | None:

@@ -24,7 +24,7 @@ class MotionEvents:
     """Publishes the beginning and the end of each motion once.
 
     Attributes:
-        ended: number of motions that have ended, by result. No motion is missed, because a motion begins only
+        ended: number of motions that have ended, by result. None is missed, because a motion begins only
             after the service has seen the result of the previous one.
         last_ended: number of the last motion whose end is known.
     """
@@ -40,7 +40,7 @@ class MotionEvents:
         self._beginning = {"motion": motion_id, "duration_s": duration_s, "by": str(CLIENT.get())}
 
     def forget_begin(self) -> None:
-        """Drop the prepared event, because the motion does not begin."""
+        """Drop the prepared event, because the motion has not begun."""
         self._beginning = {}
 
     def publish_begin(self) -> None:
@@ -55,7 +55,8 @@ class MotionEvents:
             return
         self.last_ended = state.motion_id
         self.ended[state.motion_result] += 1
-        if state.motion_id == self._beginning.get("motion"):  # short, and its beginning went unnoticed
+        # a short motion, whose beginning was not noticed
+        if state.motion_id == self._beginning.get("motion"):
             self.publish_begin()
         result = state.motion_result
         reason = Reason("") if result is MotionResult.ARRIVED else state.reason

@@ -1,4 +1,4 @@
-"""The state of a robot at one moment. Other modules use this class instead of reading the record.
+"""The state of a robot at one time. Other modules use this class instead of reading the record.
 
 States are polled often, and most clients need few fields. So the record is copied as a whole, and each field
 is converted only when it is read.
@@ -78,7 +78,7 @@ class RobotState:
         """
         octets = record.tobytes()
         self.record = record_of(octets, record.dtype)
-        self.scalars = STATE_STRUCT.unpack_from(octets)  # many times faster than numpy
+        self.scalars = STATE_STRUCT.unpack_from(octets)  # much faster than reading with numpy
         self._now_ns = now_ns
 
     @property

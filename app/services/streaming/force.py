@@ -1,4 +1,4 @@
-"""Force control: keeps its settings, and runs a separate session while no other session is active."""
+"""Force control: keeps the settings, and runs its own session while no other session is active."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 @dataclass(frozen=True, slots=True)
 class ForceSettings:
-    """The settings of force control. Most consist of six values: three along x, y and z in m or N, then three
-    about x, y and z in rad or N·m.
+    """The settings of force control. Most consist of six values: along x, y and z with m and N, then about x,
+    y and z with rad and N·m.
 
     Attributes:
         enabled: whether force control is enabled.
@@ -50,8 +50,8 @@ class ForceSettings:
         frame: pose of the force frame: position x, y, z, then quaternion w, x, y, z.
         thresholds: external wrench at the TCP, in the base frame, above which the arm is stopped. It is
             checked every 10 ms in any mode while force control is enabled.
-        limits: external wrench in the same form, above which rtloop ends a session. It is checked in every
-            cycle of sessions that begin later.
+        limits: external wrench in the same form, above which rtloop ends a session. Sessions that begin after
+            the change check it in every cycle.
     """
 
     enabled: bool = False
@@ -66,7 +66,7 @@ class ForceSettings:
     limits: tuple[float, ...] = NO_LIMIT
 
     def describe(self, request: np.ndarray) -> None:
-        """Write all settings that are fixed during a session into a record of
+        """Write the settings that stay fixed during a session into a record of
         `cobot.ipc.layout.session_dtype`.
         """
         request["force_axes"] = self.axes
@@ -79,11 +79,11 @@ class ForceSettings:
 
 
 class ForceService:
-    """Keeps the settings. While force control is enabled, it holds the TCP's pose and exerts the wrench along
-    the force axes.
+    """Keeps the settings of force control. While it is enabled, the TCP holds its pose and exerts the wrench
+    along the force axes.
 
-    A Cartesian session of another client may take over force control. `lend` then ends this session, and the
-    other session uses `settings`, whose `wrench` may change at any time.
+    A Cartesian session of another client may take over force control. `lend` then ends the service's session,
+    and the other session uses `settings`, whose `wrench` may still change.
 
     Attributes:
         settings: the current settings.
@@ -139,9 +139,7 @@ class ForceService:
             await self._end("force control was disabled")
 
     async def lend(self) -> None:
-        """End this session so that another client's session can move the arm. `settings` then apply to that
-        session.
-        """
+        """End this session so that another client's session can move the arm with these `settings`."""
         async with self._changing:
             await self._end("another session takes over")
 
@@ -166,7 +164,7 @@ class ForceService:
         """Set the axes of force control and the wrench.
 
         Args:
-            axes: 6 values, which are true for the axes with force control.
+            axes: 6 values, true for each axis with force control.
             wrench: 6 values, N and N·m: the wrench that the TCP exerts on its surroundings.
             max_velocity: 6 values, m/s and rad/s. 0 means the default; an empty list means all defaults.
             frame: pose of the force frame, x, y, z, w, x, y, z.
@@ -198,8 +196,8 @@ class ForceService:
                 defaults.
 
         Raises:
-            InputError: there are not six numbers, or a value is outside the robot's range; the error gives
-                the range.
+            InputError: there are not six numbers, or a value is outside the robot's range, which the error
+                gives.
             ConflictError: force control is enabled.
         """
         ratio = vector(damping_ratio or [0.0] * 6, 6, name="damping ratio")
@@ -254,7 +252,7 @@ class ForceService:
         self.settings.describe(request)
         self._session = await self._streams.open(request, NAME, SESSION_TIMEOUT_S)
         self._sequence = 0
-        # The commanded pose is held, because the measured pose yields to external forces.
+        # Hold the commanded pose, because the measured pose yields to external forces.
         pose = self._robot.model.forward(self._link.state().commanded_position)
         self._setpoint["pose"][:3], self._setpoint["pose"][3:] = pose.position, pose.quaternion
         self._feed()
@@ -280,7 +278,7 @@ class ForceService:
         self.settings = replace(self.settings, enabled=False)
         self.reason, self._session, self._task = reason, None, None
         self._report(f"force control has ended: {reason}")
-        if not ended:  # a second stop might end the next motion
+        if not ended:  # a second stop could end the next motion
             await self._stopping.stop(STOP_TIMEOUT_S)
 
     def _step(self) -> str:

@@ -2,11 +2,10 @@
 
 Each of these motions is a Cartesian session with force control along the push direction. rtloop controls the
 force and checks its maximum in every cycle. The service commands the TCP pose and the force a hundred times a
-second, as calculated by the stages in `force_stages`. A pause keeps the contact and holds the TCP where it
-is.
+second, as calculated by the stages in `force_stages`. During a pause, the TCP holds its position and keeps
+the contact.
 
-Forces are relative to the forces at the beginning of the motion, so a small error in the payload has no
-effect.
+Forces are relative to those at the beginning of the motion, so a small error in the payload has no effect.
 """
 
 from __future__ import annotations
@@ -57,12 +56,12 @@ from cobot.types import Array
 ANSWER_S = 2.0
 """Timeout for rtloop's answer when a session begins, s."""
 MIN_ROOM_N = 20.0
-"""The default of `max_force` exceeds `force` by at least this amount, N."""
+"""Minimum difference between the default of `max_force` and `force`, N."""
 MOVED_RAD = 1e-3
-"""Maximum motion of a joint that is permitted while the path is planned, rad."""
+"""Maximum permitted motion of a joint while the path is being planned, rad."""
 INSERT_SHARE = 0.2
-"""TCP stiffness across the push during an insertion, as a share of the nominal stiffness. A higher stiffness
-would turn the peg in the hand when the edge of the peg touches the hole.
+"""TCP stiffness across the push during an insertion, as a share of the nominal stiffness. With a higher
+stiffness, the peg would turn in the hand when its edge touches the hole.
 """
 LET_GO = "the motion with force has ended"
 
@@ -97,7 +96,7 @@ class ForceMotionService:
 
         Args:
             goal: goal of the path, for a `FollowMotion`; otherwise None.
-            until: condition on an input that ends a search; None for a search without a condition.
+            until: condition on an input that ends a search; None for none.
 
         Raises:
             InputError: the path length is zero, or the fields of the request are invalid.
@@ -175,9 +174,7 @@ class ForceMotionService:
         return last
 
     def _input_holds(self, until: Condition | None) -> Callable[[], bool]:
-        """Make a function that returns whether the device reports the value of the input that the condition
-        requires.
-        """
+        """Make a function that returns whether the input has the value that the condition requires."""
 
         def holds() -> bool:
             if until is None:
@@ -221,7 +218,8 @@ class ForceMotionService:
         request["decimation"] = decimation(1.0 / PERIOD_S, self._streams.period_s)
         request["force_axes"] = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
         request["force_velocity"][:3] = body.speed
-        turns = isinstance(body, FollowMotion) and body.frame == "tool"  # the push turns with the tool
+        # the push direction turns with the tool
+        turns = isinstance(body, FollowMotion) and body.frame == "tool"
         request["force_in_tcp"] = turns
         request["force_frame"][3:] = _frame_along(direction if turns else axis)
         request["max_contact_wrench"][:3] = _max_force(body) + np.abs(free_n)

@@ -23,7 +23,7 @@ from cobot.reasons import Reason
 
 PERIOD_S = 0.01
 FORCE_INTEGRAL_PER_S = 2.0
-"""Gain of the integral part that removes a lasting force error, for example on a slope, 1/s."""
+"""Gain of the integral term that removes a persistent force error, for example on a slope, 1/s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class ForceOutcome:
 
 
 def outcome_word(outcome: ForceOutcome) -> Callable[[str], None]:
-    """Make a function that stores the word for the cause that ended a search."""
+    """Make a function that stores in the outcome the word for the cause that ended a search."""
 
     def note(word: str) -> None:
         outcome.stopped_by = word
@@ -91,7 +91,7 @@ class ForceRun:
         self._aim = Aim(push.start, 0.0)
 
     async def drive(self, session: StreamSession, stages: Stage) -> None:
-        """Run the stages, then release the contact regardless of the result of the stages.
+        """Run the stages, then release the contact, whatever the result of the stages.
 
         Raises:
             NotMet: a limit was reached first.
@@ -108,7 +108,7 @@ class ForceRun:
 
     async def _let_go(self, session: StreamSession) -> None:
         last = self._sample(0.0)
-        # A pause on the way back is limited as well.
+        # The way back is limited as well, including pauses.
         most_s = self._active_s() + self.body.max_time_s
         await self._run(session, let_go(self.push, last, self._aim, self.body.retract), most_s)
 
@@ -134,7 +134,7 @@ class ForceRun:
                 return
 
     def _active_s(self) -> float:
-        """Return the duration of the motion so far, without pauses that extend the timeout, s."""
+        """Return the duration of the motion so far, s, without the pauses that extend the timeout."""
         paused_s = self._ownership.speed_override.paused_s - self._paused_s
         return self._link.clock.now_s() - self._begun_s - min(paused_s, MAX_PAUSE_S)
 
@@ -163,7 +163,7 @@ class ForceRun:
         setpoint = session.setpoint.copy()
         setpoint["number"] = self._number
         setpoint["pose"] = aim.pose.numbers
-        # rtloop compares with the measured force, which included this share when the TCP was free.
+        # rtloop's measured force includes the force that was already measured while the TCP was free.
         setpoint["wrench"][2] = aim.force_n + self._missing_n - float(self.free_n @ axis)
         session.take_setpoint(self._number, setpoint)
 

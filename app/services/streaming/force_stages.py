@@ -1,8 +1,8 @@
 """The stages of motions with force: approach, hold, follow, search, insert, release.
 
-A stage is a generator. It receives samples of the measurements, and yields the commanded pose and force. It
-returns when it has reached its goal, and raises `NotMet` if a limit is reached first. It does not depend on
-sessions or clocks, so a test can run it with any model of a contact.
+A stage is a generator. It receives samples of the measurements and yields the commanded pose and force. It
+returns when it has reached its goal, and raises `NotMet` if a limit is reached first. Stages do not depend on
+sessions or clocks, so tests can run them with any model of a contact.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from cobot.robot.quaternion import exp
 from cobot.types import Array
 
 CONTACT_SHARE = 0.5
-"""Share of the commanded force above which the TCP counts as touching."""
+"""Share of the commanded force above which the TCP is considered to be in contact."""
 MIN_CONTACT_N = 1.0
 FREE_SHARE = 0.1
-"""Share of the commanded force up to which the TCP counts as released."""
+"""Share of the commanded force up to which the TCP is considered to be free again."""
 LET_GO_S = 1.0
 RETRACT_S = 20.0
 AT_REST_S = 0.5
-"""Time without progress after which a push counts as completed, s."""
+"""Time without progress after which a push is complete, s."""
 AT_REST_M = 2e-4
 GIVE_WAY_PER_S = 5.0
-"""Gain for reducing forces and torques across the push during an insertion, 1/s."""
+"""Gain with which forces and torques across the push are reduced during an insertion, 1/s."""
 GETTING_UP_S, SLOWEST = 0.3, 0.1
-"""Time in which a search accelerates to its full speed, s, and the share of this speed at the start and in
-corners.
+"""Time in which a search accelerates to full speed, s, and its speed at the start and in corners, as a share
+of full speed.
 """
 SETTLING_S = 1.0
-"""Maximum time for the force to reach its value before a search begins to move, s."""
+"""Maximum time that a search waits for the force before it begins to move, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,8 +55,8 @@ class ForceSample:
 
 @dataclass(frozen=True, slots=True)
 class Aim:
-    """The commanded pose of the TCP, which is controlled across the push direction, and the commanded force
-    along this direction, N. A negative force pulls.
+    """The commanded TCP pose, which applies across the push direction, and the commanded force along it, N. A
+    negative force pulls.
     """
 
     pose: Pose
@@ -83,7 +83,7 @@ class Push:
 
     @property
     def contact_n(self) -> float:
-        """Force above which the TCP counts as touching, N."""
+        """Force above which the TCP is considered to be in contact, N."""
         return max(CONTACT_SHARE * self.force_n, MIN_CONTACT_N)
 
     def distance_m(self, pose: Pose) -> float:
@@ -91,12 +91,12 @@ class Push:
         return float((pose.position - self.start.position) @ self.axis)
 
     def beside(self, position: Array) -> Array:
-        """Return a position, moved along the axis to the height of the start, shape (3,)."""
+        """Return a position, projected along the axis onto the plane of the start, shape (3,)."""
         moved: Array = position - float((position - self.start.position) @ self.axis) * self.axis
         return moved
 
     def shifted(self, offset: SearchOffset) -> Pose:
-        """Return the start pose, moved and tilted across the push direction."""
+        """Return the start pose, displaced and tilted across the push direction."""
         x, y = across(self.axis, self.start.rotation)
         lean = Pose.from_numbers((0.0, 0.0, 0.0, *exp((offset.rx * x + offset.ry * y).tolist())))
         turned = (lean @ replace(self.start, position=np.zeros(3))).quaternion
@@ -119,8 +119,8 @@ Stage = Generator[Aim, ForceSample, ForceSample]
 
 
 def across(axis: Array, rotation: Array) -> tuple[Array, Array]:
-    """Return two unit vectors across an axis. The first one is as close as possible to the tool's x axis, or
-    to its y axis.
+    """Return two unit vectors perpendicular to an axis. The first is as close as possible to the tool's x
+    axis or, if that is along the axis, to its y axis.
     """
     tool = rotation[:, 0] if abs(rotation[:, 0] @ axis) < 0.9 else rotation[:, 1]
     x = tool - (tool @ axis) * axis
@@ -171,7 +171,7 @@ def follow(
     Args:
         touched: the sample at the first contact.
         path: function that returns the TCP pose at a time along the path, s.
-        felt: called with each measured force, N.
+        felt: function that is called with each measured force, N.
     """
     in_tool = push.start.rotation.T @ push.axis
     touched_m = push.distance_m(touched.pose)
@@ -208,8 +208,7 @@ def search(
 ) -> Stage:
     """Move along a pattern in contact until the TCP drops, reaches the target, or `input_holds` returns true.
 
-    A drop is measured from the position that the TCP reaches under the full force, because a soft surface
-    yields to the force.
+    The drop is measured from the position of the TCP under the full force, because a soft surface yields.
 
     Args:
         input_holds: function that returns whether the condition on the input is met.
@@ -223,7 +222,7 @@ def search(
         if offset is None:
             raise NotMet("pattern_end", f"the {body.pattern} has ended, but nothing was found")
         sample = yield Aim(push.shifted(offset), push.force_n)
-        # A force above the commanded one has pressed the TCP into the surface, so this is not a hole.
+        # A force above the commanded one has pressed the TCP into the surface, which is not a hole.
         most_n = push.contact_n if settling_s > 0.0 else push.force_n
         if push.distance_m(sample.pose) - start_m >= body.drop and sample.force_n <= most_n:
             found("drop")
@@ -247,8 +246,7 @@ def search(
 def insert(push: Push, touched: ForceSample, found: ForceSample, body: InsertMotion) -> Stage:
     """Push at the position where the search has ended, until the depth is reached.
 
-    The commanded pose yields to the walls. Otherwise a peg that is held at a wrong position or angle would
-    jam.
+    The commanded pose yields to the walls, so that a peg at a slightly wrong position or angle does not jam.
     """
     touched_m = push.distance_m(touched.pose)
     first = aim = Pose(push.beside(found.pose.position), push.start.quaternion)
@@ -272,8 +270,8 @@ def insert(push: Push, touched: ForceSample, found: ForceSample, body: InsertMot
 
 
 def _given_way(push: Push, first: Pose, aim: Pose, sample: ForceSample, body: InsertMotion) -> Pose:
-    """Return the commanded pose, moved towards the measured pose, but at most `radius` and `angle` away from
-    the first pose.
+    """Return the commanded pose, moved towards the measured pose, but no further than `radius` and `angle`
+    from the first pose.
     """
     share = 1.0 - np.exp(-GIVE_WAY_PER_S * sample.step_s)
     position = aim.position + share * (push.beside(sample.pose.position) - aim.position)
@@ -287,7 +285,7 @@ def _given_way(push: Push, first: Pose, aim: Pose, sample: ForceSample, body: In
 
 
 def let_go(push: Push, last: ForceSample, aim: Aim, retract_m: float) -> Stage:
-    """Reduce the force to 0, and move back if this is requested."""
+    """Reduce the force to 0, then move back by `retract_m`."""
     pulls = retract_m > 0.0
     most_s = RETRACT_S if pulls else LET_GO_S
     begun_m, left_s = push.distance_m(last.pose), most_s
@@ -304,7 +302,7 @@ def let_go(push: Push, last: ForceSample, aim: Aim, retract_m: float) -> Stage:
 
 
 def _require_near(push: Push, sample: ForceSample) -> None:
-    """Check that the TCP has not moved further than allowed. Raises NotMet if it has moved further."""
+    """Check that the TCP has not moved further than allowed. Raises NotMet if it has."""
     if push.distance_m(sample.pose) > push.max_distance_m:
         raise NotMet(
             "max_distance",

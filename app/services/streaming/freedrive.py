@@ -3,13 +3,13 @@
 Freedrive is a streaming session with soft springs, so that the arm yields at once. This module makes the
 session's targets follow the hand (admittance control): a joint's external torque above a threshold is
 converted to a velocity of this joint, as with a damper. The closer the measured arm is to a joint limit or an
-obstacle, the smaller the velocity, as in a jog (`jog_limits`). A joint that is pushed further resists.
+obstacle, the smaller the velocity, as in a jog (`jog_limits`). A joint resists being pushed further.
 
-If a device can release its arm itself, the device also controls the motion. Then there are no targets, and
-the arm does not slow down before a limit or an obstacle.
+If a device can release its arm itself, the device also controls the motion: there are no targets, and the arm
+does not slow down before a limit or an obstacle.
 
-Freedrive ends when it is switched off, when the arm is stopped, and when it is not renewed in time, for
-example because the client is disconnected. A renewal does not restart freedrive after it has ended.
+Freedrive ends when it is switched off, when the arm is stopped, or when it is not renewed in time, for
+example because the client has disconnected. A renewal does not restart freedrive after it has ended.
 """
 
 from __future__ import annotations
@@ -32,36 +32,32 @@ from cobot.robot.description import RobotDescription
 from cobot.types import Array, JointLimits
 
 TIMEOUTS_S = (0.5, 60.0)
-"""Minimum and maximum of the time after which freedrive must be renewed, s."""
+"""Minimum and maximum time within which freedrive must be renewed, s."""
 TIMEOUT_S = 3.0
 SOFTNESS = 16.0
-"""Ratio of the robot's nominal stiffness to the stiffness of the springs. It reduces their natural frequency
-to a quarter.
+"""Ratio of the robot's nominal stiffness to the stiffness of the springs. Their natural frequency is thus a
+quarter of the nominal one.
 """
 FOLLOW_S = 0.15
-"""Delay of the arm behind a hand that moves it steadily, s. A shorter delay would make the arm feel lighter,
-but unstable against hard objects. It must be longer than `SMOOTHING_S` and the cycle.
+"""Delay with which the arm follows a hand that moves steadily, s. A shorter delay would make the arm feel
+lighter, but unstable against hard objects. It must be longer than `SMOOTHING_S` and the cycle.
 """
 SMOOTHING_S = 0.1
-"""Time constant of the velocity following the hand, s."""
+"""Time constant with which the velocity follows the hand, s."""
 TOUCH_SHARE = 0.005
 """Threshold for a joint's external torque, as a share of its effort limit. Smaller values are ignored,
 because estimates are not exact.
 """
 PUSHED_SHARE = 0.02
-"""Maximum external torque when freedrive starts, as a share of the effort limit. With a higher torque the arm
-would drift without being pushed.
+"""Maximum external torque at the start of freedrive, as a share of the effort limit. With more, the arm would
+drift although nothing pushes it.
 """
 PUSHED_N = 20.0
-"""Maximum force on the TCP when a device releases its arm itself, N. It is more than the noise of a
-sensor.
-"""
+"""Maximum force on the TCP when a device releases its arm itself, N. It is above the noise of a sensor."""
 ROOM_RAD = 0.05
-"""Distance from a joint's limit that is kept free, rad or m, because soft springs yield to continued
-pushing.
-"""
+"""Distance that a joint keeps from its limit, rad or m, because soft springs yield to continued pushing."""
 MAX_LEAD_RAD = 0.05
-"""Maximum distance of a target from rtloop's command, which may lag behind it, rad or m."""
+"""Maximum distance of a target from rtloop's command, which may lag behind, rad or m."""
 OFF = "freedrive was switched off"
 SWITCHED_OFF = "robot.backend.freedrive is false; set it to true to guide this arm by hand"
 NO_REASON = Reason("")
@@ -88,7 +84,7 @@ class Guidance:
     """Calculates the motion of one robot from the push of a hand.
 
     Attributes:
-        velocity: velocity of the newest target, rad/s or m/s, shape (dof,).
+        velocity: joint velocities of the newest target, rad/s or m/s, shape (dof,).
     """
 
     def __init__(self, robot: RobotDescription, stiffness: Array) -> None:
@@ -234,14 +230,15 @@ class FreedriveService:
 
         Raises:
             ConflictError: the session has ended (the error gives the reason), another freedrive session is
-                on, or another client has control.
+                active, or another client has control.
         """
         if session != self._number:
             raise ConflictError(f"there is no freedrive session {session}: start one without `session`")
         if self.state.session is None:
             ended = self.state.ended
             raise ConflictError(f"freedrive has ended: {ended}", details=ended.fields())
-        if not CLIENT.get().same(self._client):  # the client that guides the arm must be connected
+        # only the client that guides the arm may renew, because it must still be connected
+        if not CLIENT.get().same(self._client):
             raise ConflictError(f"freedrive was started by {self._client}; no other client may renew it")
         self._streams.require_control()
         self._hold(timeout_s)
@@ -264,7 +261,7 @@ class FreedriveService:
             await asyncio.shield(session.ended)
 
     def close(self) -> None:
-        """Stop sending targets. rtloop ends the session when this process ends."""
+        """Stop sending targets, because the service is ending. rtloop then ends the session."""
         if self._task is not None:
             self._task.cancel()
 
@@ -286,7 +283,7 @@ class FreedriveService:
         return device.capabilities.guides
 
     def _require_untouched(self, by_device: bool) -> None:
-        """Check that nothing is pushing the arm yet, because any measured effort would move it."""
+        """Check that nothing is pushing the arm, because any measured effort would move it."""
         state, limits = self._link.state(), self._robot.limits
         force = float(np.linalg.norm(state.wrench[:3]))
         if by_device and force > PUSHED_N:
@@ -313,7 +310,7 @@ class FreedriveService:
         except CobotError as exc:
             session.end(str(exc))
         finally:
-            # it has already ended, unless an unexpected exception was raised
+            # the session has already ended, unless an unexpected exception was raised
             session.end("freedrive has failed")
         reason = await asyncio.shield(session.ended)
         self._ended = reason
@@ -321,8 +318,8 @@ class FreedriveService:
             self._session = None
 
     async def _watch(self, session: StreamSession) -> None:
-        """While the device itself lets a person guide the arm, end this if it is not renewed, and report a
-        joint outside its limits.
+        """While the device itself lets a person guide the arm, end freedrive if it is not renewed, and report
+        joints outside their limits.
         """
         while not session.over:
             await asyncio.sleep(PERIOD_S)

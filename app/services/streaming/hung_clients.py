@@ -1,9 +1,9 @@
-"""Watches for hung local streaming clients. A process that is suspended, for example by SIGSTOP or a
-debugger, loses its session.
+"""Detects hung local streaming clients. A process that is suspended, for example by SIGSTOP or a debugger,
+loses its session.
 
 rtloop stops the arm when no targets arrive, and detects the end of the client's process. But a suspended
-process has not ended, so this module watches for it. A hung remote client needs no such check: its connection
-ends because the client answers no ping.
+process has not ended, so this module watches for it. Remote clients need no such check: the connection of a
+hung client ends because pings are not answered.
 """
 
 from __future__ import annotations

@@ -2,13 +2,12 @@
 
 Each frame requests velocities of the joints or of the TCP. They are converted to joint targets of a streaming
 session, so all limits of streaming sessions apply. In addition, this module reduces the velocity when a joint
-approaches its limit, or the arm approaches an obstacle. The approach is exponential, so that neither is
-reached. All joints are slowed down by the same factor, which keeps the direction. The TCP stays on its line
-(`jog_line`).
+approaches its limit or the arm approaches an obstacle, exponentially, so that neither is reached. All joints
+are slowed down by the same factor, so the direction stays the same. The TCP stays on its line (`jog_line`).
 
-The session ends and the arm stops when the client releases the jog, when no frame arrives for `SILENCE_S`,
-and when the session is ended from outside. In the last case the client must release the jog before it can
-begin again, because a button that is still held must not restart the arm after a stop.
+The session ends and the arm stops when the client releases the jog, when no frame arrives for `SILENCE_S`, or
+when the session is ended from outside. In the last case, the client must release the jog before it can jog
+again, because a button that is still held must not restart the arm after a stop.
 """
 
 from __future__ import annotations
@@ -36,11 +35,11 @@ SILENCE_S = 0.2
 PERIOD_S = 0.02
 """Interval between targets, s."""
 MAX_STEP_S = 0.05
-"""Maximum time that one target covers if the service itself was late, s."""
+"""Maximum time step of one target, s. It applies if the service itself was late."""
 SMOOTHING_S = 0.15
-"""Time constant of the joint or TCP velocity following the requested velocity, s."""
+"""Time constant with which the joint or TCP velocity follows the requested one, s."""
 MAX_LEAD_RAD = 0.1
-"""Maximum distance of the targets ahead of the arm, rad or m. Beyond it the targets wait for the arm."""
+"""Maximum distance of the targets from the arm, rad or m. At this distance they wait for the arm."""
 LET_GO = Reason("the client has let go", ReasonCode.CLIENT_ENDED)
 SILENT = Reason(f"no jog frame for {SILENCE_S:g} s; let go, then press again", ReasonCode.JOG_SILENT)
 GONE = Reason("the connection to the client was lost", ReasonCode.CONNECTION_LOST)
@@ -98,14 +97,14 @@ class Jog:
         self._task: asyncio.Task[None] | None = None
         self._command: JogCommand | None = None
         self._heard_s = 0.0
-        self._spent = UNLIMITED  # reason why the last session ended, until the client releases the jog
+        self._spent = UNLIMITED  # why the last session ended; kept until the client releases the jog
         self._answer = JogAnswer(1.0, UNLIMITED)
         self._position = self._velocity = np.zeros(robot.limits.dof)
-        self._line: JogLine | None = None  # the line of the TCP
+        self._line: JogLine | None = None  # the line along which the TCP moves
         self._let_go = False
 
     async def take(self, command: JogCommand, name: str, timeout_s: float) -> JogAnswer:
-        """Jog with this velocity for `SILENCE_S`. The first command begins a session.
+        """Jog with this velocity, for at most `SILENCE_S`. The first command begins a session.
 
         Args:
             name: the client's displayed name.
@@ -171,7 +170,8 @@ class Jog:
         except CobotError as exc:
             session.end(str(exc))
         finally:
-            session.end("the jog has failed")  # no effect unless an unexpected exception was raised
+            # the session has already ended, unless an unexpected exception was raised
+            session.end("the jog has failed")
         reason = await asyncio.shield(session.ended)
         if self._line is not None:
             self._line.rest(self._link.state().commanded_position)
@@ -215,7 +215,7 @@ class Jog:
             wanted = self._limits.wanted(None, twist, self._position)
             line.twist = line.twist + gain * (wanted.speed * twist - line.twist)
             change = self._limits.of_twist(line.corrected(self._position), self._position) - self._velocity
-            # Near a singularity the TCP leaves its line, and a new line begins at its position.
+            # Near a singularity the TCP leaves its line, so a new line begins at its position.
             self._line = None if wanted.reason else line
         self._velocity += self._limits.gentle_share(change / step_s) * change
         return wanted

@@ -19,26 +19,26 @@ JOINT_SHARE = 0.5
 """Maximum speed of a joint during a jog, as a share of its own limit."""
 RATE_PER_S = 3.0
 """Maximum velocity towards a limit, as a multiple of the remaining distance, 1/s. This makes the approach
-exponential: the velocity damper of Faverjon & Tournassoud, ICRA 1987. Further away this would require too
-much deceleration, so the deceleration is constant there.
+exponential: the velocity damper of Faverjon & Tournassoud, ICRA 1987. Further away, it would require too much
+deceleration, so a constant deceleration is used there.
 """
 JOINT_ROOM = 0.01
-"""Distance from a joint's limit that is kept free, rad or m, so that a planned motion can begin there."""
+"""Distance that a jog keeps from a joint's limit, rad or m, so that a planned motion can begin there."""
 OBSTACLE_ROOM_M = 0.003
-"""Distance from obstacles that is kept free in addition to the margin of planned motions, m."""
+"""Distance that a jog keeps from obstacles in addition to the margin of planned motions, m."""
 FAR_M = 0.3
-"""Distance above which an obstacle is ignored, m. This is possible because a jog is slow."""
+"""Obstacles further away than this are ignored, m, because a jog is slow."""
 LOOK_S = 0.01
-"""Look-ahead time for which the approach to obstacles is calculated, s."""
+"""Time over which the approach to obstacles is calculated, s."""
 APPROACH_M_S = 1e-3
-"""Speed of approach up to which an obstacle counts as not approaching, m/s."""
+"""Obstacles that approach more slowly than this are ignored, m/s."""
 SINGULAR = 0.06
 """Threshold for the singular values of the Jacobian, m/rad or dimensionless. Velocities along directions with
 smaller singular values are damped.
 """
 UNLIMITED = Reason("")
 SLOWED = 0.98
-"""Share of the requested velocity below which the reason is reported."""
+"""If the velocity is below this share of the requested one, the reason is reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +59,8 @@ class LimitedVelocity:
 
 
 class JogLimits:
-    """The limits of a jog for one robot. They use the model's scratch memory, like the service's
-    kinematics.
+    """The limits of a jog for one robot. The calculation uses the model's scratch memory, as the service's
+    kinematics does.
     """
 
     def __init__(self, robot: RobotDescription, stream: JointLimits | None = None) -> None:
@@ -72,7 +72,7 @@ class JogLimits:
         self._rates = stream or robot.limits
 
     def check(self, joints: Array | None) -> None:
-        """Reject velocities with a wrong number of joints.
+        """Reject velocities with the wrong number of joints.
 
         Raises:
             InputError: the number is wrong; the error gives the correct number.

@@ -1,1 +1,1 @@
-"""The motion queue. Moves wait in it, are planned and joined, and are executed in order."""
+"""The motion queue, whose moves are planned, joined, and executed in order."""

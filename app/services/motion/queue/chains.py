@@ -10,7 +10,9 @@ from cobot.types import MAX_ACTIONS
 
 
 def to_go(chain: Sequence[QueuedMove]) -> tuple[list[QueuedMove], list[Leg], list[float]]:
-    """Return the legs to run, each with its move and its blend radius. A move without legs stops the arm."""
+    """Return the moves, legs and blend radii of a chain, one of each per leg. The arm stops at a move without
+    legs.
+    """
     moves: list[QueuedMove] = []
     legs: list[Leg] = []
     radii: list[float] = []
@@ -26,7 +28,7 @@ def to_go(chain: Sequence[QueuedMove]) -> tuple[list[QueuedMove], list[Leg], lis
 
 
 def head(waiting: Iterable[QueuedMove], most: int) -> list[QueuedMove]:
-    """Return the first moves that one motion may go through, with at most `most` legs together.
+    """Return the first moves that can be joined into one motion with at most `most` legs.
 
     A move with more legs is executed alone.
     """
@@ -40,7 +42,7 @@ def head(waiting: Iterable[QueuedMove], most: int) -> list[QueuedMove]:
 
 
 def may_follow(before: Sequence[QueuedMove], move: QueuedMove) -> bool:
-    """Whether a motion through the moves `before` may continue through `move`.
+    """Whether a motion that consists of the moves `before` may continue with `move`.
 
     rtloop supports one condition of each kind and a limited number of actions in one motion.
     """
@@ -57,7 +59,9 @@ def may_follow(before: Sequence[QueuedMove], move: QueuedMove) -> bool:
 
 
 def joinable(before: Sequence[QueuedMove], chain: Sequence[QueuedMove]) -> list[QueuedMove]:
-    """Return the first moves of a chain that can be joined to a motion through the moves `before`."""
+    """Return the first moves of a chain that can be joined to a motion that consists of the moves
+    `before`.
+    """
     found: list[QueuedMove] = []
     for move in chain:
         if not may_follow([*before, *found], move):

@@ -47,7 +47,7 @@ def report_stops(
     radii_m: Sequence[float],
     before: QueuedMove | None = None,
 ) -> None:
-    """Log the moves at whose end the arm stops although they have a blend radius."""
+    """Log the moves that have a blend radius, but at whose end the arm must stop."""
     for move, radius_m, used_m in zip([before, *moves[:-1]], radii_m[:-1], stretch.used_m, strict=True):
         if move is not None and radius_m > 0.0 and used_m == 0.0:
             where = f"{label}move {move.number} ({move.name})"

@@ -1,8 +1,8 @@
 """The waiting moves of a queue, in order.
 
 The first moves are planned, each from the end of the previous one. When a move is removed, the moves after it
-become loose, which means that they wait to be planned again. Removing a move never waits. If planning of a
-move that follows it has begun, that planning is cancelled and begins again from the new start.
+become loose: they must be planned again. Removing a move never waits for planning. If a later move is being
+planned, its planning is cancelled and begins again from the new start.
 """
 
 from __future__ import annotations
@@ -21,9 +21,7 @@ from cobot.errors import CobotError, ConflictError
 from cobot.types import Array
 
 MAX_JOINED_LEGS = 8
-"""Maximum number of motions that one task of a planning process joins. A sequence is always joined as a
-whole.
-"""
+"""Maximum number of motions that are joined in one planning task. A sequence is always joined as a whole."""
 GiveUp = Callable[[Sequence[QueuedMove], BaseException], None]
 
 
@@ -35,8 +33,8 @@ class QueueLine:
             the first one.
 
     Attributes:
-        end: joint position at the end of the last planned move, shape (dof,), rad. If no planned move is
-            waiting, joint position at the end of the current motion.
+        end: joint positions at the end of the last planned move, shape (dof,), rad; if no planned move is
+            waiting, at the end of the current motion.
     """
 
     def __init__(self, planner: MovePlanner, give_up: GiveUp, end: Array) -> None:
@@ -46,7 +44,7 @@ class QueueLine:
         self._planned: deque[QueuedMove] = deque()
         self._loose: deque[QueuedMove] = deque()
         self._planning: asyncio.Task[QueuedMove] | None = None
-        # how often `end` was set to a position other than the end of the last planned move
+        # number of times that `end` was set to a position other than the end of the last planned move
         self._cuts = 0
 
     def __bool__(self) -> bool:
@@ -81,7 +79,7 @@ class QueueLine:
         return True
 
     def give_back(self, chain: Sequence[QueuedMove]) -> None:
-        """Put moves back that were removed with `take`."""
+        """Put back moves that were removed with `take`."""
         self._planned.extendleft(reversed(chain))
 
     def put_first(self, moves: Sequence[QueuedMove], start: Array) -> None:
@@ -159,7 +157,7 @@ class QueueLine:
             self.end = move.legs[-1].motion.end
 
     def _end_at(self, place: Array) -> None:
-        """Set the start of the next move. Planning from any other start is cancelled."""
+        """Set the start of the next move, and cancel planning from any other start."""
         self.end = place
         self._cuts += 1
         if self._planning is not None:
@@ -178,5 +176,5 @@ class QueueLine:
         if self._cuts == cuts:
             return planning.result()
         if not planning.cancelled():
-            planning.exception()  # so that asyncio does not report it
+            planning.exception()  # so that asyncio does not report it as unhandled
         return None

@@ -1,10 +1,10 @@
 """The motion that the queue executes. It begins with the waiting moves, and is extended with moves that
 arrive while it is running.
 
-A planning process joins the next moves to the motion, and rtloop continues with the result. The part of the
-motion that the arm executes during planning stays unchanged. So the arm does not stop at the end of a move
-with a blend radius, and stops only briefly at the end of a move without one. If moves arrive too late, the
-arm stops at the end of the last move, and a new motion begins.
+A planning process joins the next moves to the motion, and rtloop continues with the result. The part that the
+arm executes during planning stays unchanged. So the arm does not stop at the end of a move with a blend
+radius, and only briefly at the end of a move without one. If moves arrive too late, the arm stops at the end
+of the last move, and a new motion begins.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ IDLE = -1
 LOOK_S = 0.01
 """Interval between checks for new moves, s."""
 AHEAD_S = 8.0
-"""Maximum remaining time of a motion at which it is extended, s. The limit keeps the motion from growing with
-the queue.
+"""A motion is extended only if its remaining time is at most this, s. So its length does not depend on the
+length of the queue.
 """
 MIN_LEAD_S, FIRST_LEAD_S, MAX_LEAD_S = 0.15, 0.3, 1.0
-"""Time for which the motion stays unchanged while it is extended, s: minimum, initial and maximum value. The
-time is adapted to the duration of the last planning.
+"""How far ahead of the arm the motion stays unchanged while it is extended, s: minimum, initial and maximum.
+The value is adapted to the duration of the last planning.
 """
 
 log = logging.getLogger("cobot.queue")
@@ -89,7 +89,7 @@ class QueueMotion:
         is running.
 
         Returns:
-            The rest of the motion, if a move was dropped from it, once the arm is at rest. None if the motion
+            The rest of the motion, once the arm is at rest, if a move was dropped from it. None if the motion
                 has reached its end, or if no move can begin now.
 
         Raises:
@@ -103,7 +103,7 @@ class QueueMotion:
             stretch = await self._plan(claim, legs, radii)
         except CobotError:
             if claim.interruption is None and not line.begins_with(chain):
-                return None  # the error concerned a move that was removed meanwhile
+                return None  # the error is about a move that has since been removed
             raise
         if claim.speed_override.paused or not line.take(chain):
             return None
@@ -144,7 +144,7 @@ class QueueMotion:
         return await self._planner.begin_stretch(claim, legs, radii)
 
     async def _start(self, claim: Claim, running: QueueRun) -> bool:
-        """Start the motion. Returns False if a move was dropped so early that nothing has moved."""
+        """Start the motion. Returns False if a move was dropped before anything moved."""
         try:
             placement = await self._signals.place_first(running, self._joining)
             self._signals.take(placement, self._joining)
@@ -164,8 +164,7 @@ class QueueMotion:
         return True
 
     async def _follow(self, claim: Claim, line: QueueLine) -> None:
-        """Follow the motion to its end, and extend it with waiting moves. `finish` reports the end to the
-        jobs.
+        """Follow the motion to its end, and extend it with waiting moves. Call `finish` to end its jobs.
 
         Raises:
             CobotError: see `MotionService.arrival`.
@@ -189,8 +188,7 @@ class QueueMotion:
             arrival.cancel()
 
     async def _go_back(self, claim: Claim) -> Left | None:
-        """Move back from a contact, if a contact has ended the motion. The next move begins at the new
-        position.
+        """If a contact has ended the motion, move back from it. The next move begins at the new position.
 
         Raises:
             CobotError: see `MotionService.retract`.
@@ -206,7 +204,7 @@ class QueueMotion:
         return Left([], None, (await self._motion.require_ready()).commanded_position)
 
     async def _cut_off(self, begun: QueuedMove | None) -> Left:
-        """End the dropped moves, now that the arm is at rest. `begun` is the move during which it stopped.
+        """End the dropped moves once the arm is at rest. `begun` is the move during which it stopped.
 
         Raises:
             CobotError: see `MotionService.ready`.
@@ -215,7 +213,7 @@ class QueueMotion:
         self._joining = []
         self._end_dropped()
         start = (await self._motion.require_ready()).commanded_position
-        self._end_dropped()  # more moves may have been dropped meanwhile
+        self._end_dropped()  # more moves may have been dropped in the meantime
         left, self.moves = self.moves, []
         if not any(each is begun for each in left):
             begun = None
@@ -226,8 +224,8 @@ class QueueMotion:
 
     @property
     def _passed(self) -> list[QueuedMove]:
-        """Return the moves whose ends the arm has passed while it stopped, and whose actions have not all
-        fired.
+        """Return the moves whose ends the arm has passed while it was stopping, and whose actions have not
+        all fired.
         """
         return [move for move in self._runs.passed() if move.signals.pending]
 
@@ -240,7 +238,7 @@ class QueueMotion:
     def _end_dropped(self) -> None:
         for move, error in self._dropped:
             if not any(each is move for each in self.moves):
-                continue  # the arm has passed its end while it came to rest
+                continue  # the arm has passed the move's end while it was stopping
             self._end(move, error)
             log.info("%smove %d: %s", self._link.label, move.number, error)
         self._dropped = []
@@ -262,8 +260,8 @@ class QueueMotion:
         self._dropped.append((move, error))
         self._link.request_stop()
         if self._phase is _Phase.UNDER_WAY:
-            claim.stops += 1  # this motion expects this stop; a stop by another client still counts
-        # Until then rtloop refuses the motion because of the stop, which `_start` counts.
+            claim.stops += 1  # so that this stop does not end the motion; a stop by another client still does
+        # Before its start, rtloop would reject the motion because of this stop, which `_start` counts.
         if self._planning is not None:
             self._planning.cancel()
         return True
@@ -287,7 +285,7 @@ class QueueMotion:
             if ends.get(move.number, now_s) > now_s:
                 break
             if self._dropped and self._signals.has_left(move):
-                continue  # the job ends where the arm comes to rest
+                continue  # the job ends once the arm is at rest
             self._end(move)
         move = self.moves[0]
         job, left_s = move.request.job, ends.get(move.number, now_s) - now_s
@@ -298,13 +296,13 @@ class QueueMotion:
         job.set_left_s(left_s)
 
     async def _prolong(self, claim: Claim, line: QueueLine) -> None:
-        """Extend the current motion with those of the next moves that can be joined.
+        """Extend the current motion with the next moves that can be joined.
 
-        An error in planning the extension is reported when the moves would begin.
+        If the extension cannot be planned, the error is reported when the moves would begin.
         """
         try:
             chain = await self._planner.valid(line.head)
-        except CobotError:  # reported when the move would begin
+        except CobotError:  # reported when the moves would begin
             return
         running, state = self._runs.all[0], self._link.state()
         chain = joinable(self.moves, chain)
@@ -334,7 +332,7 @@ class QueueMotion:
                 claim, longer.trajectory, longer.offset_s, planned_s, placement.signals
             )
             self._signals.take(placement, [*self.moves, *chain])
-        except CobotError as exc:  # the motion continues unchanged, and reports by itself if it must end
+        except CobotError as exc:  # the motion continues unchanged; if it must end, it reports this itself
             self._runs.all = [running]
             if claim.interruption is None and not self._dropped:
                 line.give_back(self._joining)

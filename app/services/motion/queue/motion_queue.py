@@ -2,8 +2,8 @@
 
 The queue holds the claim on the arm from its first move until it is empty. Waiting moves are executed as one
 motion, which is extended while the arm is moving; see the module `motion`. A move with a blend radius that
-takes at most `SHORT_S` waits for `BLEND_WAIT_S`, because otherwise the next move could not be planned in
-time. Each further move renews this wait.
+takes at most `SHORT_S` waits for `BLEND_WAIT_S` before it begins, because otherwise the next move could not
+be planned in time. Each further move renews this wait.
 
 Each move can be removed at any time, without waiting for planning. The moves after it are planned again from
 their new start. If the move is part of the current motion, the arm first stops on its path.
@@ -41,9 +41,7 @@ from cobot.errors import (
 BLEND_WAIT_S = 0.25
 SHORT_S = 1.0
 SHOWN_S = 0.2
-"""Minimum time for which an accepted move is reported as running, s. It is needed because clients poll, and
-moves may be short.
-"""
+"""Minimum time for which a move is reported as running, s, so that clients that poll notice short moves."""
 CAPACITY = 500
 """Maximum number of waiting motions."""
 MAX_NUMBER = 2**31 - 1
@@ -114,7 +112,7 @@ class MotionQueue:
         return next((move.duration_s for move in self._all if move.number == number), None)
 
     async def add(self, request: QueueRequest, stops: int, token: str | None) -> int:
-        """Plan a move from the end of the last move, and execute it when its turn comes.
+        """Plan a move from the end of the last move, and queue it.
 
         Args:
             stops, token: see `Caller`.
@@ -123,7 +121,7 @@ class MotionQueue:
             The move's number.
 
         Raises:
-            InputError, PlanningError: the move is impossible. Earlier moves continue.
+            InputError, PlanningError: the move cannot be planned. Earlier moves continue.
             ConflictError: another client is moving the arm or has control, or the queue is full.
             MotionStopped: a stop was requested in the meantime.
             UnavailableError: see `MotionService.ready`.
@@ -151,7 +149,7 @@ class MotionQueue:
                 claim = stack.enter_context(await self._ownership.claim_motion(caller))
                 self._line.put_first([], (await self._motion.require_ready()).commanded_position)
                 number = await self._accept(claim, request)
-                # From here the claim belongs to the task that executes the moves.
+                # From here on, the task that executes the moves owns the claim.
                 self._claim, self._token = claim, token
                 self._runner = asyncio.create_task(self._run(claim, stack.pop_all()))
             return number
@@ -169,8 +167,8 @@ class MotionQueue:
     def cancel(self, job: Job, error: MotionStopped) -> bool:
         """Remove a move, even while it is being planned. The moves after it are planned again.
 
-        The job has ended when this returns, unless the move is part of the current motion. Then the job ends
-        as soon as the arm has stopped on its path.
+        The job has ended when this returns. If the move is part of the current motion, its job ends only when
+        the arm has stopped on its path.
 
         Returns:
             Whether the queue contains a move of this job.
@@ -211,7 +209,7 @@ class MotionQueue:
             while True:
                 while await self._next(claim):
                     await self._execute(claim)
-                async with self._turn:  # a client may have been about to add a move
+                async with self._turn:  # wait for a client that is just adding a move
                     if not self._line:
                         error = None
                         return
@@ -221,7 +219,7 @@ class MotionQueue:
             log.warning("%sthe motion queue is emptied: %s", self._link.label, exc)
             claim.fail(exc)
             claim.interrupt(exc if isinstance(exc, ExecutionError) else ExecutionError(str(exc)))
-            async with self._turn:  # a move that is being planned has been rejected by now
+            async with self._turn:  # any move that was being planned has been rejected by now
                 self._empty(claim, exc)
         finally:
             if self._mender is not None:
@@ -230,7 +228,7 @@ class MotionQueue:
                 self._empty(claim, error)
             self._claim = None
             belongings.close()
-            self._running.finish()  # done last, because afterwards a waiting client may move the arm
+            self._running.finish()  # last, because a waiting client may then move the arm
 
     def _empty(self, claim: Claim, error: BaseException) -> None:
         """End all moves with an error, because the queue has failed or was stopped."""

@@ -43,10 +43,10 @@ class QueueRequest:
         inner_radii_m: blend radius at the end of each part except the last, m.
         job: the job of the move; None for the vendor services, whose moves together are one job.
         exact: whether the move is a plan, which is run unchanged. The arm stops before and after it.
-        anywhere: whether the goal does not depend on the start. True for a pose, false for an angle about an
+        anywhere: whether the goal is independent of the start: true for a pose, false for an angle about an
             axis.
         midway: whether the move can be resumed partway along its path. True for a line, false for an arc.
-        count: number of motions in the move, which count towards the capacity of the queue.
+        count: number of motions in the move, for the capacity of the queue.
         require_valid: function that raises `ConflictError` if the preconditions of the move have changed
             since it was queued.
         signals: the actions and conditions of the move, with their results.
@@ -73,7 +73,7 @@ def queue_request(
     inner_radii_m: Sequence[float] = (),
     job: Job | None = None,
 ) -> QueueRequest:
-    """Make the request to the queue for several consecutive goals.
+    """Make the request to queue one move through several consecutive goals.
 
     Args:
         plan: function that returns the request to the planner for a goal and a start, shape (dof,), rad.
@@ -106,7 +106,7 @@ class QueuedMove:
         legs: the planned motions; empty if the arm is already at the goal.
         radii_m: blend radius at the end of each leg, m.
         since_s: time at which the move was planned.
-        parts: for each motion in the request, the number of legs up to its end.
+        parts: number of legs up to the end of each motion in the request.
     """
 
     number: int
@@ -123,7 +123,7 @@ class QueuedMove:
 
     @property
     def _rests(self) -> bool:
-        """Whether the arm is already at the goal while the move has actions or conditions."""
+        """Whether the arm is already at the goal, but the move has actions or conditions."""
         return bool(self.signals and self.legs) and self.duration_s <= REST_S
 
     @property
@@ -152,8 +152,8 @@ class QueuedMove:
 
 
 def passed(move: QueuedMove) -> QueuedMove:
-    """Make a replacement for a move whose end the arm has passed. The replacement has no path, and its
-    remaining actions fire where the arm is.
+    """Make a replacement for a move whose end the arm has passed. It has no path, and its remaining actions
+    fire at the arm's position.
     """
     move.signals.make_due()
     request = replace(move.request, parts=[lambda start: None], inner_radii_m=(), anywhere=True, exact=False)
@@ -162,7 +162,7 @@ def passed(move: QueuedMove) -> QueuedMove:
 
 @dataclass(frozen=True, slots=True)
 class Left:
-    """The remaining part of a motion that was cut off.
+    """The remaining part of a motion that was interrupted.
 
     Attributes:
         moves: the remaining moves, in execution order.
@@ -208,7 +208,8 @@ class MovePlanner:
                 legs.append(found)
                 radii.append(radius_m)
                 start = found.motion.end
-            elif radii:  # it ends where the previous move ends, so only its radius counts
+            # this motion ends where the previous one ends, so its radius replaces the previous one
+            elif radii:
                 radii[-1] = min(radii[-1], radius_m)
             parts.append(len(legs))
         if request.signals and not legs:
@@ -219,7 +220,7 @@ class MovePlanner:
         return move
 
     async def _place(self, move: QueuedMove) -> None:
-        """Find the path times of a move's actions, before the move is joined with others.
+        """Determine the path times of a move's actions, before the move is joined with others.
 
         Raises:
             InputError: see `place_signals`.
@@ -236,7 +237,7 @@ class MovePlanner:
             job.follow_signals(lambda: move.signals.results)
 
     async def valid(self, chain: Sequence[QueuedMove]) -> list[QueuedMove]:
-        """Return the moves of a chain that come before the first move that has become impossible since it was
+        """Return the first moves of a chain, up to the first one that has become impossible since it was
         planned.
 
         Raises:

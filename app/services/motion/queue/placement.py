@@ -1,9 +1,8 @@
-"""Places the actions and conditions of queued moves on one motion, which grows.
+"""Places the actions and conditions of queued moves on one motion, which is extended while it runs.
 
-The motion follows one trajectory after another. Path times here count from the start of the motion,
-while path times for rtloop count from the start of the current trajectory. The part of the motion before a
-new trajectory stays unchanged. So the TCP path
-continues from there, and the current move keeps its start time.
+The motion follows a series of trajectories. Here, path times start with the motion; for rtloop, they start
+with the current trajectory. The part of the motion before a new trajectory stays unchanged, so the TCP path
+is extended from there, and the current move keeps its start time.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ class Placement:
         times_s: for each move with signals, by its number, the path time of its start and of the end of
             each leg.
         placed: for each move with signals, by number, the places of its signals.
-        way: the TCP path from the start of the first of these moves; None if no move has signals.
+        way: the TCP path, from the start of the first of these moves; None if there are none.
         signals: all signals in the form that rtloop needs, with path times of the trajectory.
     """
 
@@ -90,8 +89,8 @@ class QueueSignals:
                 move.signals.follower.look(is_current=index == 0)
 
     def rest(self, tcp: Array) -> None:
-        """Record the TCP pose at which the motion has stopped, shape (7,). The moves close their own
-        followers.
+        """Record the TCP pose at which the motion has stopped, shape (7,). Each move ends its own
+        follower.
         """
         self.look()
         for follower in self._followers:
@@ -112,7 +111,7 @@ class QueueSignals:
         return await self._place(before, run, moves, before.offset_s + run.stretch.offset_s)
 
     def take(self, placement: Placement, moves: Sequence[QueuedMove]) -> None:
-        """Use a new placement, because the motion now continues on the trajectory of this placement."""
+        """Use a new placement, because the motion now continues on the placement's trajectory."""
         self._placement, self._moves = placement, list(moves)
         self._tell()
 
@@ -122,12 +121,12 @@ class QueueSignals:
         self._tell()
 
     def begin_s(self, move: QueuedMove) -> float:
-        """Return the path time of the trajectory at which a move with signals begins."""
+        """Return the trajectory's path time at which a move with signals begins."""
         return self._placement.times_s[move.number][0] - self._placement.offset_s
 
     def keep_rest(self, move: QueuedMove, path_time_s: float) -> None:
-        """Record that the arm has stopped at a path time of the trajectory, in the middle of a move that will
-        be planned again.
+        """Record that the arm has stopped at a path time of the trajectory, within a move that will be
+        planned again.
         """
         at = self._placement
         placed = at.placed.get(move.number)
@@ -170,8 +169,8 @@ def _times_s(
 ) -> dict[int, list[float]]:
     """Return the path times of the start of each move with signals, and of the end of each of its legs.
 
-    An unfinished move may have no end point on the new trajectory, because the arm passes this point on the
-    old one.
+    An unfinished move may end before the new trajectory begins, because the arm passes its end on the old
+    one.
     """
     known = before.times_s
     found = {each.number: list(known[each.number]) for each in signalling if each.number in known}
@@ -194,8 +193,8 @@ def _together(
 ) -> Placed:
     """Return the signals of all moves, with path times of a trajectory that begins at `offset_s`.
 
-    Path times are limited to the duration, because an action that rounding places after the end would never
-    fire.
+    Path times are limited to the duration, because rounding could place an action after the end, where it
+    would never fire.
     """
     each = [placed[move.number] for move in moves]
     settled = frozenset[int]().union(*(move.signals.settled for move in moves))

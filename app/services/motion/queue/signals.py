@@ -1,7 +1,7 @@
 """Actions and conditions of one queued move, and their results.
 
-They belong to the move, and not to the motion that executes it. If the move is planned again, actions that
-have fired do not fire again.
+They belong to the move, not to the motion that executes it. If the move is planned again, actions that have
+fired do not fire again.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class MoveSignals:
 
     @property
     def settled(self) -> frozenset[int]:
-        """Numbers of the actions that are known to have fired or were rejected."""
+        """Numbers of the actions that are known to have fired or to have been rejected."""
         return frozenset() if self.follower is None else self.follower.settled
 
     @property
@@ -66,7 +66,7 @@ class MoveSignals:
         """Find the places of the signals on a path.
 
         Args:
-            number: number of the move. It makes the numbers of the actions unique in the queue.
+            number: number of the move, which makes the numbers of its actions unique in the queue.
             begin_s, ends_s: path times of the move's start and of the end of each of its motions.
             way, is_cut: see `place_signals`.
 
@@ -82,15 +82,17 @@ class MoveSignals:
         return replace(found, actions=actions)
 
     def follow(self, placed: Placed, make: Callable[[], SignalFollower]) -> None:
-        """Set the places on a path that the arm has not begun to follow. `make` makes the first follower."""
+        """Set the places on a new path, which the arm has not reached yet. `make` creates the follower the
+        first time.
+        """
         self.placed = placed
         if self.follower is None:
             self.follower = make()
         self.follower.continue_with(placed, 0, 0.0)
 
     def keep_rest(self, placed: Placed, now_s: float, end_s: float, way: TcpWay) -> None:
-        """Keep the places that the arm has not reached when a move is cut off at `now_s`. The remaining part
-        of the move is then planned again. The move must consist of a single motion.
+        """Keep only the places that the arm has not reached, because the move was interrupted at `now_s` and
+        its remaining part will be planned again. The move must consist of a single motion.
         """
         ordered = sorted(placed.actions, key=lambda each: each.number)
         times_s = [each.path_time_s for each in ordered]
@@ -110,7 +112,7 @@ class MoveSignals:
 
 
 def later(placed: Placed, by_s: float) -> Placed:
-    """Return the same places at path times that are later by `by_s`."""
+    """Return the places with all path times increased by `by_s`."""
     return replace(
         placed,
         actions=tuple(replace(each, path_time_s=each.path_time_s + by_s) for each in placed.actions),
