@@ -9,14 +9,14 @@ import sys
 
 INTERRUPTED = 130
 BLAS_THREADS = "OPENBLAS_NUM_THREADS"
-"""Variable that limits numpy's threads in each process. More than one thread does not solve a robot's
-equations faster. After their work, the additional threads would spin for milliseconds on processors that the
-real-time loop and the service need.
+"""Environment variable that limits numpy's threads in each process. Additional threads do not solve a robot's
+equations faster, and would afterwards spin for milliseconds on processors that the real-time loop and the
+service need.
 """
 
 
 def main() -> int:
-    """Run the command line and return its exit status. An interrupt during the imports is also handled."""
+    """Run the command line and return its exit status. It also handles an interrupt during the imports."""
     os.environ.setdefault(BLAS_THREADS, "1")  # numpy reads it when it is imported
     # Imported modules live until the process ends. The garbage collector skips them during the imports and at
     # exit, which saves a tenth of a second.

@@ -19,8 +19,8 @@ CONTROL_TOKEN = "X-Control-Token"
 VERSION = "/v1"
 """Prefix with the version of the API. The paths without it are aliases."""
 CLIENT_NAME = "X-Client-Name"
-"""Header in which a client without a token names its user, as percent-encoded UTF-8. The header proves
-nothing.
+"""Header in which a client without a token names its user, as percent-encoded UTF-8. It is not
+authentication.
 """
 PREFER, STRICT_STATUS = "Prefer", "status=strict"
 """Header and value for requesting a strict status: if a motion does not reach its goal, the answer has the
@@ -30,9 +30,9 @@ IDEMPOTENCY_KEY = "Idempotency-Key"
 """Header that identifies a request. If the same request is sent again, it is not executed a second time."""
 ROBOTS = "/robots"
 NAME = "[A-Za-z0-9_-]{1,48}"
-"""Name pattern of robots, cells, zones and fleets, which are parts of addresses."""
+"""Pattern for the names of robots, cells, zones and fleets, which are parts of URLs."""
 NAME_RULE = "1 to 48 letters, digits, - and _"
-"""The rule of `NAME` as text, for messages."""
+"""`NAME` in words, for messages."""
 MCP = "/mcp/mcp"
 """Path of the MCP server for agents."""
 MANUAL = "/manual"
@@ -44,7 +44,7 @@ def check_url(url: str) -> None:
     """Check that a URL is a service address.
 
     Raises:
-        InputError: it is not; the message contains an example.
+        InputError: the URL is invalid; the message contains an example.
     """
     try:
         parts = urlsplit(url)
@@ -62,19 +62,15 @@ def address(url: str, robot: str) -> str:
 
 
 def path_below(plain: str) -> str:
-    """The part of a path after a robot name. `plain` is a plain path as in api_endpoints.yaml."""
+    """The path below /robots/NAME for a plain path, which is as in api_endpoints.yaml."""
     return plain.removeprefix(_PLAIN) if plain.startswith(f"{_PLAIN}/") else plain
 
 
 def service_of(url: str) -> str:
-    """The common prefix of the service's paths, taken from an address of the service or of one of its
-    robots.
-    """
+    """The path prefix of the service, taken from the URL of the service or of one of its robots."""
     return urlsplit(url).path.rstrip("/").partition(f"{ROBOTS}/")[0]
 
 
 def path_at(url: str, plain: str) -> str:
-    """The path that must be appended to an address for a plain path. If the address is that of a robot, this
-    path is shorter.
-    """
+    """The path to append to a URL for a plain path. It is shorter if the URL is that of a robot."""
     return path_below(plain) if f"{ROBOTS}/" in urlsplit(url).path else plain

@@ -1,8 +1,8 @@
-"""The audit: an append-only file with one JSON line for each action, which gives the action, its client,
-address, time and result.
+"""The audit log: an append-only file with one line of JSON per action. It contains the action, the client and
+its address, the time and the result.
 
-A thread writes the entries, so that no request waits for a disk. While the disk refuses to write, up to
-`CAPACITY` entries wait. Further entries are counted, and the file reports their number once there is room. A
+A thread writes the entries, so that no request waits for a disk. While the disk cannot be written, up to
+`CAPACITY` entries wait. Further entries are dropped, and the file reports their number once there is room. A
 client that repeats an action more than `BURST` times in a second causes one entry with the number of
 repetitions. When all waiting entries have been written, the file is flushed (fdatasync). A power cut loses
 only the entries that were waiting for the disk. This module is long because the guarantee covers both
@@ -97,7 +97,7 @@ class Audit:
             who: name of an identity.
             from_: address of the identity, or "cli".
             request: id of the request.
-            kind: key that is equal for repetitions by the same client; None means `what`.
+            kind: key that repetitions by the same client share; None means `what`.
             details: further facts: texts, numbers or lists of these.
         """
         before = self.dropped
@@ -200,8 +200,8 @@ def note(what: str, outcome: str = "ok", **details: object) -> None:
 
 
 def report_refusal(what: str, code: str, sentence: str) -> None:
-    """Report to other clients that the current request was rejected. The request would move or change
-    something.
+    """Report to other clients that the current request, which would have moved or changed something, was
+    rejected.
     """
     on = trail.get()
     if on is not None:
@@ -246,8 +246,8 @@ def leave_out() -> None:
 
 
 def record_from_cli(settings: Settings, what: str, outcome: str = "ok", **details: object) -> None:
-    """Add an entry for a command, in the name of the operating system's user. If it cannot be written, the
-    error is printed on stderr.
+    """Add an entry for a command, under the name of the operating system user. If the entry cannot be
+    written, the error is printed on stderr.
     """
     user = str(os.getuid())
     with contextlib.suppress(KeyError):
@@ -258,8 +258,8 @@ def record_from_cli(settings: Settings, what: str, outcome: str = "ok", **detail
 def record_beside(
     settings: Settings, who: str, from_: str, what: str, outcome: str = "ok", **details: object
 ) -> None:
-    """Add an entry from a process other than the service. If it cannot be written, the error is printed on
-    stderr.
+    """Add an entry from a process other than the service. If the entry cannot be written, the error is
+    printed on stderr.
     """
     entry = _entry(time.time(), who, from_, what, outcome, details, "")
     file = RotatingFile(settings.audit_file, sys.maxsize, 0, strict=True)  # only the service rotates files

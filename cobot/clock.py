@@ -88,7 +88,7 @@ class WallTime:
     """
 
     READINGS = 5
-    """Number of readings from which a new offset is computed. The fastest of them is used."""
+    """Number of readings for a new offset. The fastest one determines it."""
 
     def __init__(self, clock: Clock = SYSTEM) -> None:
         self._clock = clock

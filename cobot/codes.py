@@ -1,4 +1,4 @@
-"""The table of result codes. Vendor services answer with these codes, and rejections contain them on every
+"""The table of result codes. Vendor services answer with these codes, and rejections carry them on every
 transport.
 
 0 is success; all other codes are positive. Transports with words instead of numbers use the names in lower
@@ -55,23 +55,23 @@ class Code(IntEnum):
 MEANINGS: dict[Code, str] = {
     Code.OK: "done, or for a motion: accepted and planned",
     Code.ERROR: "an error in cobot itself; its log has the details",
-    Code.CONFIG: "a file of the configuration, or a program's, is missing, unreadable or contradicts itself",
+    Code.CONFIG: "a configuration or program file is missing, unreadable or contradictory",
     Code.INPUT: "an argument is invalid; nothing has happened",
     Code.LIMIT: "an argument is beyond a limit",
     Code.NOT_FOUND: "a named object does not exist: a signal, a frame, a handle, a file",
     Code.PLANNING: "no motion could be planned; nothing has moved",
-    Code.UNREACHABLE: "no joint position puts the TCP there",
+    Code.UNREACHABLE: "no joint positions reach the goal pose",
     Code.COLLISION: "the motion would touch the robot itself or its surroundings",
     Code.PLANNING_TIMEOUT: "the planner did not finish in time",
     Code.EXECUTION: "the execution failed after its start",
     Code.STOPPED: "a client, a person or a safety function stopped the motion",
-    Code.MOTION_TIMEOUT: "the motion did not arrive in time",
+    Code.MOTION_TIMEOUT: "the motion did not reach its goal in time",
     Code.CONDITION_NOT_MET: "the motion ended without its end condition",
     Code.CONFLICT: "another client has control, or the current state does not permit this call",
     Code.CHANGED: "another client has changed the object in the meantime; the message names the client",
     Code.UNAVAILABLE: "a process, a file in shared memory or a device does not answer",
     Code.NOT_READY: "the robot is in a mode that permits no motion",
-    Code.SHARED_MEMORY: "shared memory has an unexpected content",
+    Code.SHARED_MEMORY: "shared memory contains unexpected data",
     Code.LAYOUT: "shared memory belongs to another version or another robot",
     Code.TORN_READ: "no consistent copy of the state could be read",
     Code.BUSY: "too many connections are open; try again",
@@ -125,5 +125,5 @@ ERROR_OF: dict[int, type[CobotError]] = {int(code): kind for kind, code in OF_ER
 
 
 def code_of(error: CobotError) -> Code:
-    """The code of an error. The most specific of the error's classes that has a code determines it."""
+    """The code of an error, from the most specific of its classes that has one."""
     return next(OF_ERROR[kind] for kind in type(error).__mro__ if kind in OF_ERROR)

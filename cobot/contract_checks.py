@@ -1,6 +1,4 @@
-"""Checks of a contract, and their results. They are used for backends (`rtloop.contract`) and for
-grippers.
-"""
+"""Contract checks and their results, for backends (`rtloop.contract`) and grippers."""
 
 from __future__ import annotations
 
@@ -13,12 +11,12 @@ from cobot.foreign import plain_error, plain_text
 
 
 class ContractError(Exception):
-    """A class violates its contract. The text describes the violation."""
+    """Raised when a class violates its contract. The text describes the violation."""
 
 
 class NotTested(Exception):
-    """A check needs something that the device or its rig does not provide. The text names the missing
-    items.
+    """Raised by a check that needs something that the device or its rig does not provide. The text names what
+    is missing.
     """
 
 
@@ -42,7 +40,7 @@ def result_of(check: str, run: Callable[[], str], problem: type[Exception]) -> C
 
     Args:
         run: executes the check and returns the finding.
-        problem: class of exceptions, in addition to cobot's, whose text is for people.
+        problem: exception class, in addition to cobot's own, whose text is for people.
     """
     try:
         return CheckResult(check, CheckVerdict.PASSED, run())

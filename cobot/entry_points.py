@@ -1,4 +1,4 @@
-"""Finds classes that settings name. They are part of cobot, or installed packages declare them."""
+"""Finds the classes that settings name: cobot's own, and those that installed packages declare."""
 
 from __future__ import annotations
 

@@ -1,13 +1,13 @@
 """All errors, as one tree.
 
 CobotError
-├── ConfigError          a file of the configuration is missing, unreadable or contradicts itself
+├── ConfigError          a configuration file is missing, unreadable or contradictory
 ├── InputError           a request is invalid or impossible; nothing has moved
 │   ├── LimitError       a value exceeds a limit in joint_limits.yaml
 │   ├── NotFoundError    a named thing does not exist
 │   └── HeaderError      a header of the request is missing
 ├── PlanningError        no motion could be planned; nothing has moved
-│   ├── UnreachableError     no joint position puts the TCP there
+│   ├── UnreachableError     no joint positions reach the goal pose
 │   ├── CollisionError       the motion would touch the robot itself or its surroundings
 │   └── PlanningTimeout      the planner did not finish within its time limit
 ├── ExecutionError       a motion was started but not completed
@@ -27,7 +27,7 @@ CobotError
 ├── UnavailableError     a process, a file in shared memory or a device does not answer
 │   ├── BusyError            too many connections are open to serve another one
 │   └── NotReadyError        the robot answers, but its mode permits no motion
-└── SharedMemoryError    the shared memory does not have the expected content
+└── SharedMemoryError    the shared memory contains unexpected data
     ├── LayoutError          it has another layout version, or belongs to another robot or program
     └── TornReadError        no consistent copy was read within the maximum number of tries
 
@@ -50,8 +50,8 @@ class CobotError(Exception):
     Attributes:
         findings: the facts behind an error about a motion. The decisive one is the first.
         explanation: changes that would make the motion work, if any were tried.
-        explain: findings and explanation in the form of the REST API (docs/motions.md), if a client raises an
-            error that it has received.
+        explain: findings and explanation in the form of the REST API (docs/motions.md), if the client
+            received the error from the service.
         details: further facts as texts and numbers, whose names depend on `code` (docs/conventions.md).
     """
 
@@ -207,16 +207,16 @@ def _family(kind: type[CobotError]) -> Iterator[type[CobotError]]:
 
 
 BY_CODE: Mapping[str, type[CobotError]] = {kind.code: kind for kind in _family(CobotError)}
-"""The error class of each code. Classes that other modules derive do not define codes of their own."""
+"""The error class of each code. Subclasses in other modules define no codes of their own."""
 
 
 EXHAUSTED = {
     errno.ENOSPC: "a disk is full: make room, see df",
     errno.EDQUOT: "a disk quota is used up: make room",
-    errno.EROFS: "a file system can only be read: mount it for writing",
+    errno.EROFS: "a file system is read-only: make it writable",
     errno.EMFILE: "no file descriptor is left: close connections, or raise the limit (ulimit -n)",
     errno.ENFILE: "the computer has no file descriptor left",
-    errno.ENOMEM: "the service has no memory left: raise the limit of memory (ulimit -v), or free some",
+    errno.ENOMEM: "the service has no memory left: raise the memory limit (ulimit -v), or free memory",
     errno.EAGAIN: "no further process or thread can be started: raise the limits (ulimit -u, ulimit -v)",
 }
 """Messages for resources that may be exhausted at any time, each with a remedy."""
@@ -229,11 +229,11 @@ _IN_WORDS = {
     "Too many open files": errno.EMFILE,
     "can't start new thread": errno.EAGAIN,
 }
-"""Parts of messages that Python, the library loader and MuJoCo raise without an errno."""
+"""Fragments of the messages of errors that Python, the library loader and MuJoCo raise without an errno."""
 
 
 def exhausted(error: BaseException | None) -> UnavailableError | None:
-    """The error that people see if a resource of the computer is exhausted; None for any other error."""
+    """The error to report if `error` means that a resource of the computer is exhausted; otherwise None."""
     number = errno.ENOMEM if isinstance(error, MemoryError) else getattr(error, "errno", None)
     if isinstance(error, ImportError | RuntimeError | ValueError):
         number = next((number for words, number in _IN_WORDS.items() if words in str(error)), None)

@@ -67,7 +67,7 @@ def bounded(items: Iterable[Any], most: int, what: str) -> tuple[Any, ...]:
 
 
 def cut(value: Any, max_characters: int, max_items: int) -> Any:
-    """A JSON value without the rest of long texts and lists, at any depth."""
+    """A JSON value whose long texts and lists are truncated, at any depth."""
     if isinstance(value, str):
         return value[:max_characters]
     if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""Reads JSON as MATLAB and R write it: the item in place of a list with one item, and `[]` in place of an
+"""Reads JSON as MATLAB and R write it: a bare item instead of a list with one item, and `[]` instead of an
 absent value.
 
 Both encoders drop the brackets of a list with one item, and can express an absent value only as an empty
@@ -51,7 +51,7 @@ class JsonShape:
         return value
 
     def read_kept(self, value: Any) -> Any:
-        """Like `read`, for a value that cannot be left out."""
+        """Like `read`, but never returns ABSENT: an entry of a mapping has no default."""
         found = self.read(value)
         return value if found is ABSENT else found
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 GIMBAL_LOCK_RAD = 1e-7
-"""A value of B this close to ±π/2 counts as ±π/2."""
+"""If B is this close to ±π/2, it is treated as ±π/2."""
 
 
 def product(a: Sequence[float], b: Sequence[float]) -> Quaternion:

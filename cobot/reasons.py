@@ -12,9 +12,7 @@ import numpy as np
 
 
 class ReasonCode(StrEnum):
-    """The codes of reasons. docs/conventions.md gives their meanings, and the panel contains a text for
-    each.
-    """
+    """The codes of reasons. docs/conventions.md explains them, and the panel has a text for each."""
 
     OTHER = ""
     # Requests.
@@ -74,7 +72,7 @@ class Reason(str):
 
     Attributes:
         code: a `ReasonCode`, or the cause of a stop (`app.services.rights.stop_reason.StopCause`).
-        of: names of the joint, the links or other things that are concerned.
+        of: names of the joint, links or other things concerned.
         value, limit: measured value and its limit in `unit`; NaN for a reason without a number.
     """
 
@@ -101,7 +99,7 @@ class Reason(str):
 
     @classmethod
     def of_text(cls, words: str) -> Reason:
-        """A reason without a code. If the text already is a reason, it is returned."""
+        """Make a reason without a code from a text. A text that already is a reason is returned unchanged."""
         return words if isinstance(words, Reason) else cls(words)
 
     @classmethod

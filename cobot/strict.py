@@ -52,15 +52,15 @@ MUST_BE = {
     "string_type": "a string",
     "tuple_type": "a list",
 }
-"""The name of the expected type in JSON, by pydantic's type of error."""
+"""JSON name of the expected type, by pydantic's error type."""
 LENGTHS = {"too_short": ("min_length", "at least"), "too_long": ("max_length", "at most")}
 """For the length of a list or an object, the name of the violated bound and the text for it, by pydantic's
-type of error.
+error type.
 """
 
 
 BOUNDS = {"less_than": "lt", "less_than_equal": "le"}
-"""The name of the upper bound that was exceeded, by pydantic's type of error."""
+"""The name of the upper bound that was exceeded, by pydantic's error type."""
 QUOTE = "'"
 IN_METRES = {
     *("blend_radius", "depth", "drop", "length", "max_travel", "pitch", "radii", "radius", "retract"),
@@ -95,7 +95,7 @@ def keys_of(model: type[BaseModel]) -> dict[str, FieldInfo]:
 
 
 def unknown_key(name: str, valid: list[str], what: str = "key") -> str:
-    """The error for an unknown key or other name, with the probable correction and the valid names."""
+    """The message for an unknown key or other name, with a suggestion and the valid names."""
     guess = difflib.get_close_matches(name, valid, 1) if len(name) <= SHOWN_CHARACTERS else []
     hint = f" (did you mean {guess[0]!r}?)" if guess else ""
     return f"unknown {what} {shown(name)}{hint}; valid {what}s: {', '.join(valid)}"
@@ -105,7 +105,7 @@ def sentence(error: Mapping[str, Any], *, ignored: tuple[str, ...] = ()) -> str:
     """One of pydantic's errors in the form `place: problem, got value`.
 
     Args:
-        ignored: parts of the place that have no meaning for the author of the document.
+        ignored: parts of the place that mean nothing to the author of the document.
     """
     place = ""
     for part in error["loc"]:
@@ -130,10 +130,10 @@ def sentence(error: Mapping[str, Any], *, ignored: tuple[str, ...] = ()) -> str:
 
 
 def unit_advice(place: str, value: object, limit: float) -> str:
-    """A hint for the end of an error, if a value above its limit looks like milliseconds or millimetres.
+    """A hint to append to an error, if a value above its limit looks like milliseconds or millimetres.
 
     Args:
-        place: place of the field. The name of the field contains the unit.
+        place: place of the field, whose name contains the unit.
         value: the number, which may also be text.
 
     Returns:

@@ -23,8 +23,8 @@ Integers = npt.NDArray[np.intp]
 CHANGE_PEAKS = (1.875, 5.7735, 60.0)
 """Peak velocity, acceleration and jerk of the quintic that moves by 1 in 1 s from rest to rest."""
 ALLOWED_JUMPS = np.array([1e-6, 1e-5, 1e-3])
-"""Largest jumps of position, velocity and acceleration between two segments that count as rounding errors.
-They are relative to the amount, or absolute if the amount is below 1.
+"""Largest jumps of position, velocity and acceleration between two segments that are treated as rounding
+errors. They are relative to the amount, or absolute if the amount is below 1.
 """
 ORDER = 6
 """Number of coefficients of a quintic, in ascending powers of the time since the segment's start."""
@@ -172,8 +172,8 @@ class Trajectory:
         return lowest, highest
 
     def excesses(self, derivative: int, low: Array, high: Array) -> tuple[Integers, Integers, Array]:
-        """All segments and joints whose extremum leaves the range from `low` to `high`, shape (dof,) each, in
-        order, and the values. The results have the shape (m,) each.
+        """The segments and joints whose extremum is outside the range from `low` to `high`, shape (dof,)
+        each, and these extrema. Returns segments, joints and values, in order, shape (m,) each.
         """
         rows = self.coefficients
         if derivative > 0:
@@ -208,8 +208,8 @@ class Trajectory:
         )
 
     def _unit_polynomials(self, derivative: int) -> Array:
-        """Coefficients of a derivative, shape (n, dof, 6 − derivative), in the time that is scaled to [0, 1]
-        for each segment.
+        """Coefficients of a derivative, shape (n, dof, 6 − derivative), in time scaled to [0, 1] within each
+        segment.
         """
         rows = self.coefficients[:, :, derivative:] * FACTORS[derivative, derivative:]
         durations = np.diff(self.breakpoints_s)
@@ -265,8 +265,8 @@ def _polynomial_extrema(rows: Array) -> tuple[Array, Array]:
         companion = np.zeros((len(chosen), degree, degree))
         companion[:, np.arange(1, degree), np.arange(degree - 1)] = 1.0
         companion[:, :, -1] = -slopes[chosen, :degree] / slopes[chosen, degree, None]
-        # A double root may be found with a small imaginary part. Its real part is still the place of the
-        # extremum. A place that is no extremum only adds a value that the polynomial also has.
+        # A double root may be found with a small imaginary part. Its real part is still the time of the
+        # extremum. A time that is not an extremum only adds a value that the polynomial also takes.
         roots = np.clip(np.linalg.eigvals(companion).real, 0.0, 1.0)
         values = np.einsum("mk,mrk->mr", rows[chosen], roots[:, :, None] ** np.arange(rows.shape[1]))
         lowest[chosen] = np.minimum(lowest[chosen], values.min(axis=1))

@@ -10,7 +10,7 @@ from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array
 
 SAME_S = 1e-9
-"""Breakpoints closer to each other than this, s, count as one."""
+"""Breakpoints closer together than this, s, are treated as one."""
 _CHOOSE = np.array([[comb(p, j) if p >= j else 0 for p in range(ORDER)] for j in range(ORDER)], dtype=float)
 
 

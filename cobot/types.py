@@ -135,7 +135,8 @@ class JointLimits:
         return "rad, of slides m" if any(self.slides) else "rad"
 
     def take_over(self, other: JointLimits) -> None:
-        """Copy the limits from a different object for the same joints into this one.
+        """Copy the limits of another object for the same joints into this one. All users of this object then
+        have the new limits.
 
         All users of this object see them at once.
         """
@@ -146,7 +147,7 @@ class JointLimits:
             mine.flags.writeable = False
 
     def including(self, position: Array) -> JointLimits:
-        """The limits, widened to include this position. So an arm that was pushed out of its limits can move
+        """The limits, widened to include this position, so that an arm pushed beyond its limits can move
         back.
         """
         if ((self.min_position <= position) & (position <= self.max_position)).all():

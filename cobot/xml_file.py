@@ -53,7 +53,7 @@ def parse(file: Path) -> tuple[Element, int]:
     """The root element, and the first line on which the file uses xacro (0 if it does not use it).
 
     Raises:
-        ConfigError: the file is missing or is not XML; names the line.
+        ConfigError: the file is missing or is not XML; the message names the line.
     """
     if not file.is_file():
         raise ConfigError(f"{file}: {'is not a file' if file.exists() else 'does not exist'}")
@@ -164,7 +164,7 @@ def number(
     """The number in an attribute.
 
     Args:
-        of: text that names the thing which the element describes, such as "joint 'elbow'".
+        of: name of the thing that the element describes, such as "joint 'elbow'".
         default: the format's value for a missing attribute; None if the format requires it.
 
     Raises:

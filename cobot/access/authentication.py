@@ -141,7 +141,7 @@ class Authenticator:
 
     @property
     def file(self) -> TokenFile:
-        """The file of the tokens. After a change, call `notice_change`."""
+        """The token file. After a change, call `notice_change`."""
         return self._file
 
     def last_used_ns(self, sha256_hex: str) -> int | None:

@@ -89,7 +89,7 @@ def hashed(token: str) -> str:
 
 
 class TokenFile:
-    """The file of all tokens. A missing file counts as an empty one.
+    """The file of all tokens. A missing file is treated as empty.
 
     Every method raises:
         ConfigError: the file cannot be read or written, is invalid, or may be changed by other users.
@@ -193,7 +193,7 @@ class TokenFile:
 
         Args:
             by: see `create_entry`. If a name is given, the last token of an administrator is not revoked.
-            own: whether the client may revoke the token `by`, which it uses itself.
+            own: whether the client may revoke its own token, `by`.
 
         Raises:
             NotFoundError: no token has this name. The error lists the names that exist.

@@ -137,8 +137,8 @@ class CellSolid(CellEntry):
         hull: for a mesh: whether its convex hull is used.
         position_m: position of its centre; for a mesh, of the centre of its bounding box.
         rotation_deg: angles about the fixed x, y and z axes of the base frame, in this order.
-        friction: coefficient of friction. Between two solids, the larger friction counts; between a solid and
-            a part, the friction of the part.
+        friction: coefficient of friction. Between two solids, the larger friction applies; between a solid
+            and a part, the friction of the part.
     """
 
     MAX_LENGTH_M: ClassVar[float] = 10.0
@@ -253,7 +253,7 @@ class ContactSwitch(CellEntry):
 
     Attributes:
         body: name of the fixture, belt or part.
-        force_n: sum of the normal forces at which it switches.
+        force_n: total normal force at which it switches.
     """
 
     type: Literal["contact"]
@@ -280,7 +280,7 @@ class Distance(CellEntry):
 
 
 class Output(CellEntry):
-    """An output that has no effect in the simulation, for example an output that switches a lamp."""
+    """An output that has no effect in the simulation, for example one for a lamp."""
 
     kind: Annotated[IoKind, Field(strict=False)]
 
@@ -294,7 +294,7 @@ class ExampleProgram(NamedTuple):
 
     Attributes:
         label: name for people.
-        file: its path from the cell file's folder.
+        file: path relative to the cell file's folder.
         text: content of the sequence file or the Lua program.
     """
 

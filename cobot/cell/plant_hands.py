@@ -23,12 +23,12 @@ FOLLOWER = "hand follower"
 LIPS = tuple(f"{CUP} lip {number}" for number in range(1, 9))
 """Names of the balls that form the lip of a cup. The lip is closed if all these balls touch the same body."""
 SOFT_M = 0.0005
-"""The soft lip reaches this distance beyond its balls, m."""
+"""Distance by which the soft lip extends beyond its balls, m."""
 CONTACT = {"solref": [0.004, 1.0], "solimp": [0.95, 0.99, 0.001, 0.5, 2.0]}
 DRIVE_KG = 0.5
 """Effective mass of a finger's drive at the finger, kg: it results from the rotor behind a gear."""
 FOLLOWER_SHARE, DAMPING_PER_S = 0.1, 2.0
-"""Inertia of a following joint, as a share of the drive's inertia, and damping of turning joints per
+"""Inertia of a following joint, as a share of the drive's inertia, and damping of turning joints per unit of
 inertia.
 """
 TORSION_M = 0.005

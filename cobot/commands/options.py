@@ -15,7 +15,7 @@ COMMANDS = ("state", "move", "send", "jobs", "program", "watch", "teleop", "ackn
 SHELLS = ("bash", "zsh", "fish")
 EPILOG = "exit status: 0 done, 1 rejected with a reason, 2 wrong usage, 3 no answer, 130 interrupted"
 HELD, OFF = 2, 1
-"""Stop categories."""
+"""Stop categories: the drives stay on (2), or are switched off (1)."""
 Commands = Any
 """The object that argparse returns for subcommands."""
 
@@ -154,7 +154,7 @@ def add_parsers(commands: Commands) -> None:
         action="store_true",
         help="confirm that tool and load are those of the model; not needed if POST /robot/tool has set them",
     )
-    completion = commands.add_parser("completion", help="print a script for completion in the shell")
+    completion = commands.add_parser("completion", help="print a shell completion script")
     completion.add_argument("shell", choices=SHELLS)
 
 
@@ -181,8 +181,8 @@ def _add_move(move: argparse.ArgumentParser) -> None:
         "goal",
         nargs="+",
         metavar="GOAL",
-        help="name of a position; or joint angles, rad; or `pose X Y Z [A B C]`, m and KUKA's "
-        "angles, rad. Negative numbers need no quotes",
+        help="name of a position; or joint angles, rad; or `pose X Y Z [A B C]`, m and KUKA angles in rad. "
+        "Negative numbers need no quotes",
     )
     move.add_argument(
         "--speed", type=float, default=0.1, metavar="SHARE", help="fraction of the limits (%(default)s)"

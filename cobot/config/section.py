@@ -42,7 +42,7 @@ def parse(kind: type[Model], path: Path, content: dict[str, Any], place: str = "
 
 @contextmanager
 def naming(setting: str) -> Iterator[None]:
-    """Put a setting's name before the errors in this context, because people can change this setting."""
+    """Prefix the errors in this context with the name of a setting, which people can change."""
     try:
         yield
     except ConfigError as exc:

@@ -56,57 +56,57 @@ class Settings(Section):
 
     @property
     def keys_file(self) -> Path:
-        """File with the keys of requests, which the service writes."""
+        """File of idempotency keys, written by the service."""
         return (self.kept or self.logs) / f"{self.robot.name}.keys.sqlite"
 
     @property
     def jobs_file(self) -> Path:
-        """File with the results of motions, which the service writes."""
+        """File of the results of motions, written by the service."""
         return (self.kept or self.logs) / f"{self.robot.name}.jobs.jsonl"
 
     @property
     def recording_folder(self) -> Path:
-        """Folder of this robot's recordings, which the recorder creates."""
+        """Folder of this robot's recordings, created by the recorder."""
         return (self.recording.folder or self.logs / "mcap") / self.robot.name
 
     @property
     def scene_file(self) -> Path:
-        """File with the objects around the robot, which the service writes."""
+        """File of the objects around the robot, written by the service."""
         return (self.kept or self.logs) / f"{self.robot.name}.scene.json"
 
     @property
     def programs_folder(self) -> Path:
-        """Folder with the programs that people have stored, which the service writes."""
+        """Folder of the programs that people have stored, written by the service."""
         return (self.kept or self.logs) / f"{self.robot.name}.programs"
 
     @property
     def studies_folder(self) -> Path:
-        """Folder with the results of studies, which the service writes."""
+        """Folder of the results of studies, written by the service."""
         return (self.kept or self.logs) / f"{self.robot.name}.studies"
 
     @property
     def positions_file(self) -> Path:
-        """File with the named positions that people have taught, which the service writes."""
+        """File of the named positions that people have taught, written by the service."""
         return (self.kept or self.logs) / f"{self.robot.name}.positions.json"
 
     @property
     def bundle_file(self) -> Path:
-        """File with the newest bundle and what it has replaced, which the cell's process writes."""
+        """File of the newest bundle and the settings that it replaced, written by the cell's process."""
         return (self.kept or self.logs) / f"{self.robot.name}.bundle.json"
 
     @property
     def restart_file(self) -> Path:
-        """File with the changes of a rolled-back bundle that need a restart, from the cell's process."""
+        """File of the changes in a rolled-back bundle that need a restart, written by the cell's process."""
         return (self.kept or self.logs) / f"{self.robot.name}.restart.json"
 
     @property
     def rolled_out(self) -> Path:
-        """Link to the settings folder that a fleet has rolled out, which the cell's process makes."""
+        """Link to the settings folder that a fleet has rolled out, created by the cell's process."""
         return (self.kept or self.logs) / f"{self.robot.name}.rolled-out" / "current"
 
     @property
     def tool_file(self) -> Path:
-        """File with the tool on the robot's flange, which the service writes."""
+        """File of the tool on the robot's flange, written by the service."""
         return (self.kept or self.logs) / f"{self.robot.name}.tool.json"
 
     def backend_options(self, kind: type[Model]) -> Model:

@@ -81,7 +81,7 @@ Origin = Annotated[
     ),
 ]
 
-# Validators of a field that also use earlier fields in the same section.
+# Field validators that also use earlier fields of the same section.
 
 
 def for_its_hub(certificates: Path | None, info: ValidationInfo) -> Path | None:

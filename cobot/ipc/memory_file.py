@@ -19,7 +19,7 @@ from cobot.errors import ConflictError
 FOLDER = Path("/dev/shm")
 REMEDIES = {
     errno.ENOSPC: "; make room there, enlarge it (docker run --shm-size), or lower rt.trajectory_capacity",
-    errno.ENOMEM: "; raise the limit of memory (ulimit -v), or lower rt.trajectory_capacity",
+    errno.ENOMEM: "; raise the memory limit (ulimit -v), or lower rt.trajectory_capacity",
     errno.EFBIG: "; raise the limit of the size of files (ulimit -f), or lower rt.trajectory_capacity",
 }
 _users: Counter[Path] = Counter()

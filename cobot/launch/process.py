@@ -91,7 +91,7 @@ def require_limits() -> None:
     if space != resource.RLIM_INFINITY and space < MIN_ADDRESS_SPACE:
         raise UnavailableError(
             f"a process may have {space // 1024} kB of address space here, but cobot needs "
-            f"{MIN_ADDRESS_SPACE // 1024}: raise the limit of memory (ulimit -v)"
+            f"{MIN_ADDRESS_SPACE // 1024}: raise the memory limit (ulimit -v)"
         )
 
 

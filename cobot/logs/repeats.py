@@ -43,7 +43,7 @@ class Repeats(Generic[Item]):
             if key not in self._kinds and len(self._kinds) >= MAX_KINDS:
                 self._forget(now_s)
                 if len(self._kinds) >= MAX_KINDS:
-                    key = None  # with so many kinds, all further kinds count as one
+                    key = None  # with so many kinds, all further kinds share one count
             kind = self._kinds.get(key)
             if kind is None or (now_s - kind.begun_s >= self._interval_s and not kind.held_back):
                 self._kinds[key] = _Kind(now_s, 1, 0, item)

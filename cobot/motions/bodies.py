@@ -1,4 +1,4 @@
-"""Requests for motions as JSON: the bodies of the REST API, the targets of sequences and programs.
+"""Motion requests as JSON: request bodies of the REST API, and targets in sequences and programs.
 
 Their form and bounds are defined here and in `cobot.motions.fields`. Values that depend on the robot (joints,
 frames, reach) are checked by `cobot.motions.checks`, the services and the planners.
@@ -88,8 +88,8 @@ class MotionConstraints(RequestModel):
 KeptTo = Annotated[
     MotionConstraints | None,
     Field(
-        description="Constraints in addition to the limits. ompl (RRTConnect) plans under them. A motion of "
-        "any other planner that breaks them is rejected."
+        description="Constraints in addition to the limits. ompl (RRTConnect) observes them. A motion of any "
+        "other planner that violates them is rejected."
     ),
 ]
 

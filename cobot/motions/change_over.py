@@ -14,8 +14,8 @@ class ChangeOver:
     Attributes:
         trajectory: the new trajectory, which equals the current one bit for bit until the change.
         offset_s: path time of the current trajectory at which the new one begins.
-        begin_s, end_s: path times of the new trajectory. At the first, the arm leaves the current path; from
-            the second on, only the new motion counts.
+        begin_s, end_s: path times of the new trajectory. At `begin_s` the arm leaves the current path; from
+            `end_s` on it executes only the new motion.
     """
 
     trajectory: Trajectory

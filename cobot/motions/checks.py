@@ -73,7 +73,7 @@ def check_for_robot(request: MotionRequest, robot: RobotDescription) -> None:
 
 
 def _is_given(request: MotionRequest, field: str) -> bool:
-    """Whether a request gives an optional field. If `cyclic` is false, it counts as not given."""
+    """Whether a request gives an optional field. A false `cyclic` is treated as not given."""
     value = getattr(request, field)
     if value is None or value is False or isinstance(value, np.ndarray):
         return isinstance(value, np.ndarray)

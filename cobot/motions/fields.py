@@ -102,8 +102,8 @@ BudgetS = Annotated[
     Field(
         ge=0.0,
         le=MAX_BUDGET_S,
-        description="Time for planning, s. What the first motion leaves of it is used to find faster ones "
-        "(ompl, chomp and auto). 0: the first motion is the answer.",
+        description="Time for planning, s. Time left after the first motion is used to find faster ones "
+        "(ompl, chomp and auto). 0: the first motion is used.",
     ),
 ]
 Budget = Annotated[BudgetS | None, Field(description="Default: `planning.budget_s`.")]

@@ -52,7 +52,8 @@ class ForceMotion(RequestModel):
         0.0,
         ge=0.0,
         le=0.5,
-        description="Distance back against `direction` at the end, m. 0: only the force is switched off.",
+        description="Distance that the TCP retracts against `direction` at the end, m. 0: only the force is "
+        "switched off.",
     )
     if_not_met: NotMet = "error"
 
@@ -70,11 +71,11 @@ class PressMotion(ForceMotion):
 
     model_config = example({"force": 10.0, "duration_s": 1.0, "max_distance": 0.02, "if_not_met": "success"})
 
-    duration_s: Finite = Field(1.0, ge=0.0, le=600.0, description="How long the force is held, s.")
+    duration_s: Finite = Field(1.0, ge=0.0, le=600.0, description="Time for which the force is held, s.")
 
 
 class FollowMotion(ForceMotion):
-    """Approach until contact, then move along a path while the force is held."""
+    """Approach until contact, then move along a path while holding the force."""
 
     model_config = example(
         {
@@ -93,8 +94,8 @@ class FollowMotion(ForceMotion):
     )
 
     motion: MovePose = Field(
-        description=f"Path of the TCP from its start: planner {in_words(PATHS, 'or')}. Along `direction` the "
-        "force decides, not the path."
+        description=f"Path of the TCP from its start: planner {in_words(PATHS, 'or')}. Along `direction`, "
+        "the force determines the motion instead."
     )
     max_deviation: Finite = Field(
         0.02,
@@ -115,13 +116,13 @@ class FollowMotion(ForceMotion):
         planner = PlannerName(self.motion.planner)
         if PLANNERS[planner].way is not Way.PATH:
             raise ValueError(
-                f"motion.planner: {planner} follows no path of the TCP; valid with force: {in_words(PATHS)}"
+                f"motion.planner: {planner} does not follow a TCP path; valid planners: {in_words(PATHS)}"
             )
         return self
 
 
 class SearchMotion(ForceMotion):
-    """Approach until contact, then search for a hole or an edge while contact is kept."""
+    """Approach until contact, then search for a hole or an edge while keeping contact."""
 
     model_config = example(
         {"force": 8.0, "radius": 0.004, "pitch": 0.0005, "max_distance": 0.02, "if_not_met": "success"}
@@ -157,7 +158,7 @@ class SearchMotion(ForceMotion):
         0.001,
         ge=1e-4,
         le=0.1,
-        description="Largest distance from `target` at which the hole counts as found, m.",
+        description="Largest distance from `target` at which the search ends, m.",
     )
     until: StepCondition | None = Field(
         None, description="The hole is also found when an input has this value after the contact."

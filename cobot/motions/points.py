@@ -24,7 +24,7 @@ overflow.
 
 @dataclass(frozen=True, slots=True)
 class WaysOut:
-    """Advice in error messages about timed points, in the words of the client's interface.
+    """Advice for error messages about timed points, phrased for the client's interface.
 
     Attributes:
         start: advice if the points do not begin at the arm's position.

@@ -189,7 +189,7 @@ class RatedMove:
     """A motion whose velocity and acceleration are given in units, not as shares of the limits. Picklable.
 
     Attributes:
-        request: the motion. Its `scaling` also applies; of two limits the lower one counts.
+        request: the motion. Its `scaling` also applies; of two limits, the lower one applies.
         velocity, acceleration: limits of the fastest joint, rad/s and rad/s². For a TCP path they are the TCP
             limits, m/s and m/s², and its rotation is limited in proportion.
         envelope: the limits that apply to all motions.

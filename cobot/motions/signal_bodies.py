@@ -23,7 +23,7 @@ class ActionPlace(RequestModel):
     """A place on the path of the motion. Give one of `distance_m`, `time_s` and `fraction`."""
 
     distance_m: Annotated[
-        Finite | None, Field(ge=0.0, le=1000.0, description="Length of the path of the TCP, m.")
+        Finite | None, Field(ge=0.0, le=1000.0, description="Distance along the TCP path, m.")
     ] = None
     time_s: Annotated[
         Finite | None,
@@ -34,7 +34,7 @@ class ActionPlace(RequestModel):
         Field(
             ge=0.0,
             le=1.0,
-            description="Share of the length of the path of the TCP; if the TCP only turns, of the time.",
+            description="Share of the length of the TCP path, or of the time if the TCP only turns.",
         ),
     ] = None
 
@@ -60,7 +60,7 @@ class SetAction(RequestModel):
 
     output: PointName = Field(description="Name of an output in GET /robot/io.")
     value: bool | int | Finite = Field(
-        description="boolean: true or false; digital: a whole number from 0 on; analog: a number."
+        description="boolean: true or false; digital: a whole number of 0 or more; analog: a number."
     )
 
 
@@ -112,7 +112,7 @@ class ForceThreshold(RequestModel):
 
     direction: Direction | None = Field(
         None,
-        description="Direction along which the force counts, in both senses. null: any direction.",
+        description="Direction along which the force is compared, in either sense. null: any direction.",
     )
     frame: Literal["base", "tool"] = Field("base", description="Frame of the direction.")
     threshold: Finite = Field(DEFAULT_FORCE_N, gt=0.0, le=MAX_FORCE, description="N")
@@ -123,10 +123,10 @@ class TorqueThreshold(RequestModel):
 
     joint: PointName | None = Field(
         None,
-        description="Name of the joint whose external torque counts. null: the torque at the TCP counts.",
+        description="Name of the joint whose external torque is compared. null: the torque at the TCP.",
     )
     direction: Direction | None = Field(
-        None, description="Axis about which the torque at the TCP counts. null: any axis."
+        None, description="Axis about which the torque at the TCP is compared. null: any axis."
     )
     frame: Literal["base", "tool"] = Field("base", description="Frame of the direction.")
     threshold: Finite = Field(DEFAULT_TORQUE_NM, gt=0.0, le=MAX_FORCE, description="N·m")

@@ -89,7 +89,7 @@ def place_signals(
     *,
     is_cut: bool = False,
 ) -> Placed:
-    """The actions and conditions of the motions of which a trajectory consists.
+    """Place the actions and conditions of the motions in a trajectory.
 
     Args:
         segments: the signals of each motion.

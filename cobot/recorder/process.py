@@ -59,7 +59,7 @@ async def _serve(settings: Settings, robots: Mapping[str, RobotRecorder]) -> Non
         task.add_done_callback(answering.discard)
 
     path = socket_path(settings.robot.name)
-    path.unlink(missing_ok=True)  # a killed recorder leaves its socket
+    path.unlink(missing_ok=True)  # a killed recorder leaves its socket behind
     server = await asyncio.start_unix_server(accept, path, limit=LINE_BYTES)
     for robot in robots.values():
         robot.start()

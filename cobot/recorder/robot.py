@@ -65,7 +65,7 @@ class RobotRecorder:
         self._before = round(section.before_s / memory.period_s)
         self._after = round(section.after_s / memory.period_s)
         self._status = memory.status.data
-        self._latches_seen = 0  # Up to this cycle; `handled` is where the next recorder begins.
+        self._latches_seen = 0  # the next recorder begins at `handled`
         self._listed_s = float("-inf")
         self._asked: SimpleQueue[tuple[Answer, Future[Answer]]] = SimpleQueue()
         self._writings: list[Writing] = []
@@ -295,7 +295,7 @@ class RobotRecorder:
             self._fail(writing, OSError(f"the recorder failed: {exc}"))
 
     def _is_overdue(self, writing: Writing) -> bool:
-        """Whether the cycles that the recording still needs will no longer arrive."""
+        """Whether the cycles that the recording still needs will never arrive."""
         return time.monotonic() - writing.wrote_s > GRACE_S + self._after * self._memory.period_s
 
     def _next_part(self, writing: Writing) -> None:

@@ -15,7 +15,7 @@ from cobot.launch.running_config import RunningConfig
 
 LINE_BYTES = 1 << 20
 SILENT_S = 3.0
-"""Time without a heartbeat after which the recorder counts as unresponsive, in seconds. Requests then no
+"""Time without a heartbeat after which the recorder is considered unresponsive, in seconds. Requests then no
 longer wait for it.
 """
 HANG_S = 6.0

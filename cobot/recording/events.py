@@ -55,7 +55,7 @@ def events_of(records: np.ndarray, before: np.ndarray | None, reasons: Mapping[i
 
     Args:
         records: array of `cobot.ipc.records.record_dtype`, in order.
-        before: record before the first one. With None, the mode of the first record counts as an event.
+        before: record before the first one. With None, the mode of the first record is reported as an event.
         reasons: sentences of the notes by their numbers.
     """
     if not len(records):
@@ -121,8 +121,8 @@ def latched_in(records: np.ndarray, before: np.ndarray | None) -> list[tuple[int
     """The cycles in which a fault or an e-stop began, and which of the two it was.
 
     Args:
-        before: last record before these records; None if it is unknown. The mode of the first record then
-            counts as one that began earlier.
+        before: last record before these records; None if it is unknown. The mode of the first record is then
+            assumed to have begun earlier.
     """
     if not len(records):
         return []

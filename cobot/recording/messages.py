@@ -205,7 +205,7 @@ class RecordMessages:
             gripper["sec"], gripper["nanosec"] = cycle["sec"], cycle["nanosec"]
             for name, _ in GRIPPER_VALUES:
                 gripper[name] = records[name]
-        made_of[CYCLE_TOPIC] = cycle  # the last one: where it is, a reader finds the others of its cycle
+        made_of[CYCLE_TOPIC] = cycle  # the last one: a reader that finds it finds all messages of its cycle
         return {topic: (rows.tobytes(), rows.dtype.itemsize) for topic, rows in made_of.items()}
 
     def event(self, event: RunEvent, ahead_ns: int) -> bytes:

@@ -11,7 +11,7 @@ from cobot.types import Array
 
 @dataclass(frozen=True, slots=True)
 class Marked:
-    """An event in a recording. `time_s` counts from the first cycle of the recording."""
+    """An event in a recording. `time_s` is measured from the first cycle of the recording."""
 
     time_s: float
     kind: str

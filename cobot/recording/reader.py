@@ -114,7 +114,7 @@ def _sample_file(path: Path, samples: int) -> RecordedPath:
                 kind, mode, text = (str(getattr(event, name)) for name in ("kind", "mode", "text"))
                 events.append((message.log_time, Marked(0.0, kind, mode, text)))
     if not states:
-        raise ValueError("there is no cycle in it")
+        raise ValueError("it contains no cycle")
     chosen = np.unique(np.linspace(0, len(states) - 1, samples).round().astype(int)).tolist()
     rows: list[Any] = [store.deserialize_cdr(states[index][1], JOINT_STATE) for index in chosen]
     begin_ns = states[0][0]
@@ -151,7 +151,7 @@ def _read(path: Path) -> Cycles:
                 kind, mode, text = (str(getattr(event, name)) for name in ("kind", "mode", "text"))
                 events.append((int(event.cycle), Marked(0.0, kind, mode, text)))
     if not numbers:
-        raise ValueError("there is no cycle in it")
+        raise ValueError("it contains no cycle")
     measured, commanded = np.array(rows["/joint_states"]), np.array(rows["/commanded"])
     if not len(measured) == len(commanded) == len(numbers):
         raise ValueError("its topics are of different lengths")

@@ -75,7 +75,7 @@ def number(fields: dict[str, Any], name: str, default: float) -> float:
 
 
 def as_number(value: object, name: str) -> float:
-    """Check that a value is a finite number. true does not count as a number."""
+    """Check that a value is a finite number. true is not a number."""
     if type(value) is float and isfinite(value):
         return value
     if type(value) is int and abs(value) <= MAX_INTEGER:

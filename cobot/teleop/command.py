@@ -24,7 +24,7 @@ PAD_HELP = (
 
 
 class _Answering:
-    """A connection that limits the time of each answer."""
+    """A connection with a timeout for each answer."""
 
     def __init__(self, url: str, chosen: argparse.Namespace) -> None:
         self._url = url

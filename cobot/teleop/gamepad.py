@@ -105,7 +105,7 @@ class Gamepad:
         elif kind & ~INITIAL == BUTTON:
             self._buttons[number] = (
                 bool(value) and not kind & INITIAL
-            )  # a button that was held before the start does not count
+            )  # a button that was held before the start is ignored
             if value and not kind & INITIAL:
                 self._tool ^= number == TOOL
                 self._ended |= number == END

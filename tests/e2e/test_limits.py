@@ -46,7 +46,7 @@ def test_sixty_four_descriptors_are_enough(tmp_path: Path) -> None:
     few(
         [
             ("-n 20", "raise the limit (ulimit -n)"),
-            ("-v 400000", "raise the limit of memory (ulimit -v)"),
+            ("-v 400000", "raise the memory limit (ulimit -v)"),
             ("-v 1048575", "may have 1048575 kB of address space here, but cobot needs 1048576: raise"),
             ("-f 1024", "raise the limit of the size of files (ulimit -f)"),
         ]

@@ -228,7 +228,7 @@ def test_a_model_for_which_no_memory_is_left_is_no_wrong_model(monkeypatch: pyte
         raise ValueError("Error: engine error: Could not allocate memory")
 
     monkeypatch.setattr(mujoco.MjSpec, "from_file", full)
-    with pytest.raises(UnavailableError, match=r"raise the limit of memory \(ulimit -v\)"):
+    with pytest.raises(UnavailableError, match=r"raise the memory limit \(ulimit -v\)"):
         RobotModel.load(MJCF, load_joint_limits(LIMITS))
 
 
