@@ -53,7 +53,7 @@ def find_input(points: Sequence[Mapping[str, Any]], name: str) -> Mapping[str, A
         names = ", ".join(each["name"] for each in points if each["direction"] == "input") or "none"
         raise NotFoundError(f"there is no input {name!r}; the inputs are: {names}")
     if point["direction"] != "input":
-        raise InputError(f"{name} is an output; a condition takes an input")
+        raise InputError(f"{name} is an output; a condition needs an input")
     return point
 
 
@@ -69,7 +69,7 @@ def holds(condition: Mapping[str, Any], points: Sequence[Mapping[str, Any]]) -> 
     boolean, value = point["kind"] == "boolean", point["value"]
     if boolean != (condition.get("is") is not None):
         valid = '"is" with true or false' if boolean else '"above" or "below" with a number'
-        raise InputError(f"{point['name']} is {point['kind']}: its condition takes {valid}")
+        raise InputError(f"{point['name']} is {point['kind']}: its condition needs {valid}")
     if value is None:
         return False
     if boolean:

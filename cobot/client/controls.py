@@ -106,7 +106,7 @@ class Control(ABC, Generic[State]):
         """Raise an error if the session has ended, because the arm no longer follows targets.
 
         Raises:
-            MotionStopped: the session has ended; gives the reason.
+            MotionStopped: the session has ended; the message gives the reason.
         """
         if self._ended:
             raise MotionStopped("this control has been stopped")
@@ -143,7 +143,7 @@ class JointImpedanceControl(Control[JointState]):
         Raises:
             InputError: the number of joints is wrong, or a value is not finite. A first target that is too
                 far from the arm is reported once, by the call for a later target.
-            MotionStopped: the session has ended; gives the reason.
+            MotionStopped: the session has ended; the message gives the reason.
         """
         target = vector(positions, self._dof, name="positions")
         rates = vector(velocities, self._dof, name="velocities") if len(velocities) else 0.0
@@ -219,7 +219,7 @@ class CartesianMotionForceControl(Control[CartesianState]):
         Raises:
             InputError: the number of values is wrong, a value is not a finite number, or the quaternion is
                 invalid.
-            MotionStopped: the session has ended; gives the reason.
+            MotionStopped: the session has ended; the message gives the reason.
         """
         force = vector(wrench, 6, name="wrench") if len(wrench) else 0.0
         twist = vector(velocity, 6, name="velocity") if len(velocity) else 0.0
@@ -235,7 +235,7 @@ class CartesianMotionForceControl(Control[CartesianState]):
 
         Raises:
             InputError: the pose is invalid, or the duration is not 0.001 to 600 s.
-            MotionStopped: the session has ended; gives the reason.
+            MotionStopped: the session has ended; the message gives the reason.
         """
         self._publish("move", move_pose=vector(pose, 7, name="pose"), move_duration_s=duration_sec)
 
@@ -262,7 +262,7 @@ class CartesianMotionForceControl(Control[CartesianState]):
         """Whether a `move_to_pose` is running.
 
         Raises:
-            MotionStopped: the session has ended; gives the reason.
+            MotionStopped: the session has ended; the message gives the reason.
         """
         state = self._transport.state()
         self._require_running(state)

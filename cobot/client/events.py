@@ -13,7 +13,7 @@ from cobot.client.connection import Connection, Json
 from cobot.errors import UnavailableError
 
 SILENT_S = 20.0
-"""Time without data after which the connection counts as lost, in seconds. The service sends data every 5
+"""Time without data after which the connection is considered lost, in seconds. The service sends data every 5
 s.
 """
 FIRST_PAUSE_S, MAX_PAUSE_S = 0.2, 2.0
@@ -59,7 +59,7 @@ class EventReader:
         self._heard_s: float | None = None
 
     def events(self) -> Iterator[Json]:
-        """Yield events without an end.
+        """Yield events indefinitely.
 
         Raises:
             UnavailableError: the service is unreachable at the start, or for longer than `patience_s`.

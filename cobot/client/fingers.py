@@ -27,10 +27,10 @@ class WidthFollower(Protocol):
     width_m: tuple[float, float]
 
     def aim(self, width: float) -> None:
-        """Go to the possible width that is nearest to `width`, m, without waiting.
+        """Move to the possible width nearest to `width`, m, without waiting.
 
         Raises:
-            CobotError: the gripper rejects the command; gives the reason.
+            CobotError: the gripper rejects the command; the message gives the reason.
         """
         ...
 

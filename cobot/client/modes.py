@@ -22,7 +22,7 @@ class Mode(IntEnum):
 
 
 class CoordType(IntEnum):
-    """The frame in which a different frame is specified."""
+    """The reference frame in which another frame is given."""
 
     WORLD = 0
     TCP = 1

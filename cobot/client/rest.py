@@ -122,8 +122,8 @@ class Client(ForceMoves, Steps, EventConnection):
         return self._json("POST", f"/robot/plan/{what}", json=request, timeout=self._motion_timeout_s)
 
     def improve(self, plan_id: str, budget_s: float = 1.0, samples: int = 50) -> Json:
-        """A faster plan with the start and goal of a plan. The service searches for it for `budget_s`, s. If
-        none is found, the same plan is returned.
+        """Search for a faster plan with the same start and goal for `budget_s`, s. Returns the faster plan,
+        or the same plan if none is found.
 
         `planning.quality` is "improved", or "final" if more time does not help.
         """
@@ -224,7 +224,7 @@ class Client(ForceMoves, Steps, EventConnection):
             )
 
     def trajectory_logs(self, limit: int | None = 50, after: str | None = None) -> list[str]:
-        """Results of trajectories; the newest line is the last."""
+        """Results of trajectories; the newest line is last."""
         return list(self._page("/trajectory/logs", limit, after)["lines"])
 
     def recordings(self, limit: int | None = None, after: str | None = None) -> Json:
@@ -316,7 +316,7 @@ class Client(ForceMoves, Steps, EventConnection):
         return self._json("GET", "/sequences/status")
 
     def sequence_logs(self, limit: int | None = 50, after: str | None = None) -> list[str]:
-        """Output of the runner; the newest line is the last."""
+        """Output of the runner; the newest line is last."""
         return list(self._page("/sequences/logs", limit, after)["lines"])
 
     def programs(self, limit: int | None = None, after: str | None = None) -> list[Json]:
@@ -436,8 +436,8 @@ class Client(ForceMoves, Steps, EventConnection):
         return str(base.copy_with(path=f"{service_of(str(base))}{path}"))
 
     def who_controls(self) -> Json:
-        """The control of the robot and its current motion. The keys are `held`, `holder`, `address`, `how`,
-        `what`, `since`, `until`.
+        """Return the client that has control, and the current motion of the robot: `held`, `holder`,
+        `address`, `how`, `what`, `since`, `until`.
         """
         return self._json("GET", "/robot/control")
 

@@ -122,7 +122,7 @@ class Robot(SessionSettings):
         """Check that the arm may move. Its drives are on from the start.
 
         Raises:
-            NotReadyError: an e-stop or a fault is latched; gives the reason and the remedy.
+            NotReadyError: an e-stop or a fault is latched; the message gives the reason and the remedy.
             UnavailableError: rtloop does not answer.
         """
         self._require_ready(self._state())
@@ -161,7 +161,7 @@ class Robot(SessionSettings):
         """Clear an e-stop or a fault whose cause is gone. Returns whether the arm may then move.
 
         Raises:
-            NotReadyError: the cause is still present; gives the reason.
+            NotReadyError: the cause is still present; the message gives the reason.
             UnavailableError: the service does not answer, or the arm does not stop within `timeout`, s.
         """
         deadline_s = self._clock.now_s() + timeout
@@ -348,7 +348,7 @@ class Robot(SessionSettings):
 
         Raises:
             ConflictError: the mode is not RT_ or NRT_JOINT_IMPEDANCE, or a different client has a session.
-            ExecutionError: rtloop rejects the session; gives the reason.
+            ExecutionError: rtloop rejects the session; the message gives the reason.
         """
         self._describe(Stream.JOINT_IMPEDANCE, inner_control_hz, interpolate_cmds, interpolation)
         self._require_mode(*modes.JOINT_STREAMS)
@@ -367,7 +367,7 @@ class Robot(SessionSettings):
         Raises:
             ConflictError: the mode is not RT_ or NRT_CARTESIAN_MOTION_FORCE, or a different client has a
                 session.
-            ExecutionError: rtloop rejects the session; gives the reason.
+            ExecutionError: rtloop rejects the session; the message gives the reason.
         """
         self._describe(Stream.CARTESIAN, inner_control_hz, interpolate_cmds, interpolation)
         self._require_mode(*modes.CARTESIAN_STREAMS)
@@ -380,7 +380,7 @@ class Robot(SessionSettings):
 
         Raises:
             ConflictError: the mode is not RT_JOINT_TORQUE, or a different client has a session.
-            ExecutionError: rtloop rejects the session; gives the reason.
+            ExecutionError: rtloop rejects the session; the message gives the reason.
         """
         self._describe(Stream.JOINT_TORQUE, 1000, False, None)
         self._require_mode(Mode.RT_JOINT_TORQUE)

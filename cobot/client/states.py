@@ -107,7 +107,8 @@ class RobotStates:
 
     Attributes:
         q, dq: positions, rad, and velocities, rad/s, of the joints.
-        theta, dtheta: the same for the motors. They equal q and dq, because the drives count as rigid.
+        theta, dtheta: the same for the motors. They equal q and dq, because the drives are assumed to be
+            rigid.
         tau, tau_des, tau_ext: measured, commanded and external joint torques, N·m.
         tau_dot: change of tau, smoothed over 10 ms, N·m/s.
         tcp_pose, flange_pose: position x, y, z, m, and quaternion w, x, y, z.

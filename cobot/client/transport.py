@@ -57,7 +57,7 @@ class Transport(Protocol):
 
         Raises:
             ConflictError: a different client has a session.
-            ExecutionError: rtloop rejects the session; gives the reason.
+            ExecutionError: rtloop rejects the session; the message gives the reason.
             UnavailableError: rtloop does not answer.
         """
         ...

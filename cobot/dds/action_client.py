@@ -9,8 +9,8 @@ is a JSON object with `what`:
     ready       the server of the action is there, or not; five times a second
     joint       position, effort of the joint
     sent        number of a goal that is sent now
-    answer      of a goal: its number, accepted
-    result      of a goal: its number, status and values; number 0 is a goal from before this process
+    answer      number of a goal, and whether it was accepted
+    result      number of a goal, its status and values; number 0 is a goal from before this process
     error       text
 
 A goal is sent after the answer to the previous one, because a driver with several threads may execute two

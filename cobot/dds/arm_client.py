@@ -60,7 +60,7 @@ DATAGRAM_BYTES = 4096
 SEND_GOAL = "control_msgs::action::dds_::FollowJointTrajectory_SendGoal_Request_"
 BEGIN, END = "rq", "/_action/send_goalRequest"
 OWN = "/cobot"
-"""Name prefix of cobot's participants. Their actions do not count as actions of an arm."""
+"""Name prefix of cobot's participants. Their actions are never those of an arm."""
 LIST_S, LIST_WAIT_S, LIST_OLD_S = 0.5, 2.0, 4.0
 RATE_S = 1.0
 COMMAND_LIFESPAN_S = 0.1
@@ -386,9 +386,9 @@ class ArmClient:
                 asyncio.gather(*(action.cancel(each) for each in ids)), timeout_s
             )
         except TimeoutError:
-            return f"{self._name} has not answered a cancel within {timeout_s:g} s"
+            return f"{self._name} has not answered a cancel request within {timeout_s:g} s"
         if active and goal is not None and answers[0]["return_code"] == REJECTED and goal.is_active:
-            return f"{self._name} has rejected the cancel of the motion"
+            return f"{self._name} has rejected the request to cancel the motion"
         while self._running() and time.monotonic() < deadline_s:
             await asyncio.sleep(0.002)
         return ""

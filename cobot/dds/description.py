@@ -27,7 +27,7 @@ async def read_description(settings: dict[str, Any]) -> str:
     """Wait for the URDF and return it.
 
     Raises:
-        UnavailableError: the URDF does not arrive; lists the topics of this name that exist.
+        UnavailableError: the URDF does not arrive; the message lists the topics of this name that exist.
     """
     loop = asyncio.get_running_loop()
     participant = make_participant(settings, NAME)
@@ -47,7 +47,8 @@ async def read_description(settings: dict[str, Any]) -> str:
         there = {end.topic for end in ends if end.kind == "writer" and end.topic.endswith(TOPIC)}
         known = ", ".join(sorted(name.removeprefix(topic_name("")) for name in there)) or "none"
         raise UnavailableError(
-            f"{topic} has not come within {settings['timeout_s']:g} s; topics of this name in domain "
+            f"nothing was received on {topic} within {settings['timeout_s']:g} s; topics of this name in "
+            "domain "
             f"{settings['domain_id']}: {known}. Start the robot_state_publisher, and compare the namespace, "
             "ROS_DOMAIN_ID and ROS_LOCALHOST_ONLY"
         ) from exc

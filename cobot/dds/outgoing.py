@@ -1,8 +1,8 @@
 """Messages that wait for the single connection to the service. Topics and services take turns to send.
 
 A topic whose publishers are faster than the connection loses only its own messages. It delays the other
-topics by at most one message at a time. It also leaves room for them, because no sender may occupy more than
-a share of the free room.
+topics by at most one message at a time. It also leaves space for them, because no sender may occupy more than
+a share of the free space.
 
 Source: A. K. Choudhury and E. L. Hahne, Dynamic queue length thresholds for shared-memory packet switches,
 IEEE/ACM Transactions on Networking 6 (2), 1998.
@@ -18,8 +18,8 @@ MAX_MESSAGES = 20_000
 MAX_CHARACTERS = 128 << 20
 """Maximum length of all waiting messages together, in characters."""
 SHARE = 0.25
-"""Share of the free room that one sender may occupy. Even if twenty senders are at this limit, they leave a
-hundredth of the room, 1.5 MB.
+"""Share of the free space that one sender may occupy. Even if twenty senders are at this limit, a hundredth
+of the space, 1.5 MB, stays free.
 """
 
 
@@ -38,7 +38,7 @@ class Outgoing:
         self._characters = 0
 
     def put(self, sender: str, text: str) -> bool:
-        """Queue a text. Returns whether there was room for it."""
+        """Queue a text. Returns whether there was enough space."""
         queue = self._queues.get(sender, _Queue())
         free = MAX_CHARACTERS - self._characters
         if len(queue.texts) >= MAX_MESSAGES or queue.characters + len(text) > SHARE * free:

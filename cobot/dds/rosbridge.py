@@ -38,7 +38,7 @@ FIRST_RETRY_S = 0.05
 LAST_RETRY_S = 1.0
 OPEN_S = 20.0
 PING_S = 3.0
-"""Time without an answer to a ping after which the service counts as unavailable, s."""
+"""Time without an answer to a ping after which the service is considered unavailable, s."""
 AWAY = "the service of cobot is not connected; cobot run restarts it"
 LOST = "the connection to the service was lost during the call: it is not known whether the call was executed"
 
@@ -118,7 +118,8 @@ class Rosbridge:
         Raises:
             UnavailableError: cobot's service is not connected, disconnects, or is overloaded.
             PayloadError: the request is too large for the service.
-            CobotError: the call was rejected; gives the reason. The code in the answer determines the class.
+            CobotError: the call was rejected; the message gives the reason. The code in the answer determines
+                the class.
         """
         if len(self._calls) >= MAX_CALLS:
             raise UnavailableError(
@@ -192,7 +193,7 @@ class Rosbridge:
             case "status" if content.get("id") in self._calls:
                 self._answer(content["id"], content["msg"], content.get("code", Code.EXECUTION))
             case "status":
-                log.warning("the service says: %s", content["msg"])
+                log.warning("the service reports: %s", content["msg"])
 
     def _answer(self, number: str, values: Any, code: int | None) -> None:
         """End a call. `code` is the code of a rejection; None for a result."""

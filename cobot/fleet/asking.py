@@ -61,6 +61,8 @@ def get(
 
 def _decoded(response: httpx2.Response) -> dict[str, Any]:
     """
+    Decode the JSON object in an answer.
+
     Raises:
         UnavailableError: the answer is not from a hub.
     """

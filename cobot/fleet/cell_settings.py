@@ -99,7 +99,7 @@ class CellSettings:
             yield settings
 
     def activate(self, name: str, files: Sequence[BundleFile]) -> list[str]:
-        """Put the settings of a bundle in force.
+        """Activate the settings of a bundle.
 
         Returns:
             The changes that need a cell restart.
@@ -112,7 +112,7 @@ class CellSettings:
         return self.switch(name)
 
     def switch(self, name: str) -> list[str]:
-        """Put the settings of an earlier bundle in force; with "", only the user's settings.
+        """Activate the settings of an earlier bundle; with "", only the user's settings.
 
         Returns:
             The changes that need a cell restart.

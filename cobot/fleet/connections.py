@@ -133,13 +133,13 @@ class HubConnection(HttpToolsProtocol):
             self._unread_timer = None
 
     def timeout_keep_alive_handler(self) -> None:
-        """Close the connection. A client that still owes a request gets an error response first."""
+        """Close the connection. If the client has sent part of a request, it gets an error response first."""
         if (self.cycle is None or self._in_header) and not self.transport.is_closing():
             self._answer_last(408, f"no complete request for {self.timeout_keep_alive} s: send it again")
         super().timeout_keep_alive_handler()
 
     def _require_body(self) -> None:
-        """Close the connection if the client still owes the body of a request that is being answered."""
+        """Close the connection if a request is being answered, but its body has not arrived completely."""
         self._body_timer = None
         if not self.cycle.more_body or self.cycle.response_complete or self.transport.is_closing():
             return

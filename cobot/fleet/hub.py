@@ -250,7 +250,7 @@ class Hub:
         return found
 
     def forget(self, cell: str) -> None:
-        """Remove the data of a cell that is gone. If the cell connects again, it counts as a new cell.
+        """Remove the data of a cell that is gone. If the cell connects again, it is treated as a new cell.
 
         Raises:
             NotFoundError: the fleet has no such cell.

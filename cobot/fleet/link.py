@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import zenoh
 
 LEASE_MS = 2000
-"""Time without a heartbeat after which a peer that hangs counts as gone, ms. The end of a peer is noticed at
+"""Time without a heartbeat after which a hung peer is considered lost, ms. The end of a peer is noticed at
 once.
 """
 CONNECT_MS = 3000

@@ -23,7 +23,7 @@ EXIT_OK, EXIT_FAILED = 0, 1
 def command(chosen: argparse.Namespace) -> int:
     """Send a command to all named targets at the same time.
 
-    The function `chosen.action_of(chosen)` makes the command; None stands for a stop.
+    The function `chosen.action_of(chosen)` makes the command; None means a stop.
     """
     action: dict[str, Any] | None = chosen.action_of(chosen)
     last, refusal = ("stop", "NOT stopped") if action is None else ("commands", "not done")

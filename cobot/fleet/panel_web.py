@@ -360,7 +360,7 @@ def _headers_of(head: PanelHead, place: str) -> dict[str, str]:
     length = headers.get("content-length", "0")
     if not length.isdecimal() or int(length) > MAX_ANSWER_BYTES:
         raise PayloadError(
-            f"the answer has {length} bytes, allowed through the hub are {MAX_ANSWER_BYTES}; use the address "
+            f"the answer has {length} bytes, allowed through the hub: {MAX_ANSWER_BYTES}; use the address "
             "of the cell itself, or `cobot fleet pull` for recordings"
         )
     location = headers.pop("location", "")

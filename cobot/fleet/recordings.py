@@ -42,7 +42,7 @@ class ListedRecording(StrictModel):
 
 
 class RecordingPiece(StrictModel):
-    """A hub request for the piece from this byte on, or for the hash of the whole file."""
+    """A request by the hub for the piece from this byte on, or for the hash of the whole file."""
 
     name: RecordingName
     offset: Annotated[int, Field(ge=0)] | None = None

@@ -129,7 +129,7 @@ class PolicyConnection:
 
         Raises:
             InputError: the observation contains a value that cannot be sent.
-            ExecutionError: the policy has failed; gives the last line of its reason.
+            ExecutionError: the policy has failed; the message gives the last line of its reason.
             UnavailableError: the server is gone or does not answer in time.
         """
         content = pack(observation)

@@ -27,7 +27,7 @@ def check_request(request: MotionRequest) -> None:
     """Check that the fields of a request match the planner and each other.
 
     Raises:
-        InputError: a field does not match; names the field, its value and what is allowed.
+        InputError: a field does not match; the message names the field, its value and what is allowed.
     """
     traits = PLANNERS[request.planner]
     if traits.way is Way.PATH and not isinstance(request.goal, Pose):
@@ -55,7 +55,7 @@ def check_for_robot(request: MotionRequest, robot: RobotDescription) -> None:
     """Check that the number of end joints and the TCP speed are allowed for a robot.
 
     Raises:
-        InputError: a value is not allowed; names the field, its value and what is allowed.
+        InputError: a value is not allowed; the message names the field, its value and what is allowed.
     """
     end, dof = request.end_joints, robot.limits.dof
     if end is not None and len(end) != dof:

@@ -94,7 +94,7 @@ def require_size(points: Sequence[Waypoint], labels: list[str]) -> None:
     """Check that no number exceeds `MAX_NUMBER`, even if the limits are not checked.
 
     Raises:
-        InputError: a number exceeds it; names the first point with such a number.
+        InputError: a number exceeds it; the message names the first point with such a number.
     """
     for name in ("positions", "velocities", "accelerations"):
         given = [(label, getattr(point, name)) for label, point in zip(labels, points, strict=True)]
@@ -110,7 +110,7 @@ def require_order(times: Array, labels: list[str]) -> None:
     """Check that times are within 0 to `MAX_TIME_S` and increase by at least `MIN_INTERVAL_S`.
 
     Raises:
-        InputError: a time violates this; names the first point with such a time.
+        InputError: a time violates this; the message names the first point with such a time.
     """
     if times[0] < 0.0:
         raise InputError(f"{labels[0]}: time_from_start is {times[0]} s; it must not be negative")

@@ -78,8 +78,8 @@ class Held:
         occurs.
 
         Raises:
-            PlanningError: the configuration violates a constraint; names `what`, the constraint, the
-                violation and the allowed value.
+            PlanningError: the configuration violates a constraint; the message names `what`, the constraint,
+                the violation and the allowed value.
         """
         excess = self.excess(joints[None])[0]
         worst = int(excess.argmax())
@@ -93,8 +93,8 @@ class Held:
         """Reject a motion that violates a constraint.
 
         Raises:
-            PlanningError: the motion violates a constraint; names the place, the constraint and the
-                violation.
+            PlanningError: the motion violates a constraint; the message names the place, the constraint and
+                the violation.
         """
         count = min(MAX_LOOKS, int(trajectory.duration_s / LOOK_S) + 2)
         times = np.linspace(0.0, trajectory.duration_s, count)

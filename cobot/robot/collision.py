@@ -293,7 +293,7 @@ class CollisionChecker:
             share: place of the configuration in a motion: 0 at the start, 1 at the goal.
 
         Raises:
-            CollisionError: the configuration is in collision; names `what` and the bodies.
+            CollisionError: the configuration is in collision; the message names `what` and the bodies.
         """
         if self.is_free(joints):
             return

@@ -26,7 +26,7 @@ def check_drives(mj: mujoco.MjModel, limits: JointLimits) -> None:
     """Reject a model that does not have exactly one motor per joint, in joint order.
 
     Raises:
-        ConfigError: the motors do not match the joints; names the actuator and a remedy.
+        ConfigError: the motors do not match the joints; the message names the actuator and a remedy.
     """
     for index in range(mj.nu):
         name = mj.actuator(index).name or f"number {index}"
@@ -58,7 +58,7 @@ def check_passive_forces(mj: mujoco.MjModel) -> None:
     its path, because planning and drives ignore them.
 
     Raises:
-        ConfigError: there is such a force; names the first one and a remedy.
+        ConfigError: there is such a force; the message names the first one and a remedy.
     """
     found = [f"stiffness of joint {mj.joint(each).name}" for each in np.flatnonzero(mj.jnt_stiffness)]
     found += [f"tendon {mj.tendon(each).name}" for each in range(mj.ntendon)]
@@ -78,7 +78,7 @@ def check_forces(mj: mujoco.MjModel, limits: JointLimits) -> None:
     efforts off.
 
     Raises:
-        ConfigError: an effort limit is too high; names the joint, both efforts and a remedy.
+        ConfigError: an effort limit is too high; the message names the joint, both efforts and a remedy.
     """
     for index, (name, effort) in enumerate(zip(limits.names, limits.max_effort.tolist(), strict=True)):
         bounds = [
@@ -103,7 +103,7 @@ def check_ranges(mj: mujoco.MjModel, limits: JointLimits) -> None:
     """Reject position limits wider than the model's, and limits of linear joints in millimetres.
 
     Raises:
-        ConfigError: a range is too wide; names the joint, both ranges and a remedy.
+        ConfigError: a range is too wide; the message names the joint, both ranges and a remedy.
     """
     for index, name in enumerate(limits.names):
         low, high = limits.min_position[index], limits.max_position[index]

@@ -172,8 +172,8 @@ def check_efforts(model: RobotModel, trajectory: Trajectory, limits: JointLimits
     """Reject a motion that needs more effort than a drive has, including the load of the model.
 
     Raises:
-        LimitError: a drive's effort is not enough; names the place, the joint, the needed effort and the
-            limit.
+        LimitError: a drive's effort is not enough; the message names the place, the joint, the needed effort
+            and the limit.
     """
     times, efforts = effort_samples(model, trajectory)
     share = np.abs(efforts) / limits.max_effort

@@ -41,7 +41,7 @@ def require_inertials(file: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) ->
         model: the model that was compiled from `spec`.
 
     Raises:
-        ConfigError: a mass is invented; names the link and a remedy.
+        ConfigError: a mass is invented; the message names the link and a remedy.
     """
     if file.suffix.lower() != ".urdf":
         return  # MJCF defines the density of shapes

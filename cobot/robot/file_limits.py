@@ -27,7 +27,7 @@ def check_velocities(file: Path, mj: mujoco.MjModel, limits: JointLimits) -> Non
     """Reject velocity limits beyond those in the model's file. A file without velocities allows any.
 
     Raises:
-        ConfigError: a velocity limit is too high; names the joint, both velocities and a remedy.
+        ConfigError: a velocity limit is too high; the message names the joint, both velocities and a remedy.
     """
     allowed = _velocities(file, mj)
     for index, name in enumerate(limits.names):

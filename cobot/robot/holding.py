@@ -109,8 +109,8 @@ def check_holds(model: RobotModel, limits: JointLimits, joints: Array, what: str
     """Reject a posture that the drives cannot hold.
 
     Raises:
-        LimitError: the drives cannot hold the posture; names `what`, the joint, the needed effort and the
-            limit.
+        LimitError: the drives cannot hold the posture; the message names `what`, the joint, the needed effort
+            and the limit.
     """
     hold = held(model, limits, joints)
     if hold.share > 1.0 + TOLERANCE:

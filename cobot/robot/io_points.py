@@ -84,7 +84,7 @@ def output_of(points: Sequence[IoPoint], name: str) -> IoPoint:
     """The output with this name.
 
     Raises:
-        NotFoundError: there is no point with this name; lists the outputs.
+        NotFoundError: there is no point with this name; the message lists the outputs.
         InputError: the point is an input.
     """
     point = next((each for each in points if each.name == name), None)

@@ -35,7 +35,8 @@ def load_joint_limits(path: Path) -> JointLimits:
     Every joint needs all limits: without an acceleration limit the stopping distance of a robot is unknown.
 
     Raises:
-        ConfigError: a value is missing or invalid; names the file, the joint, the key and the valid values.
+        ConfigError: a value is missing or invalid; the message names the file, the joint, the key and the
+            valid values.
     """
     content = read_yaml(path)
     joints = content.get("joint_limits") if isinstance(content, dict) else None
@@ -65,7 +66,8 @@ def check_positions(
         share: place of the positions in a motion: 0 at the start, 1 at the goal.
 
     Raises:
-        LimitError: a joint is beyond its limits; names every such joint with its value and its range.
+        LimitError: a joint is beyond its limits; the message names every such joint with its value and its
+            range.
     """
     ranges = zip(limits.names, joints, limits.min_position, limits.max_position, strict=True)
     beyond = [

@@ -229,7 +229,7 @@ def compiled(
             boxes; see `clouds_in`.
 
     Raises:
-        InputError: MuJoCo rejects the model; gives the reason.
+        InputError: MuJoCo rejects the model; the message gives the reason.
     """
     spec = spec.copy()
     site = spec.site(tcp)

@@ -78,7 +78,7 @@ def check_tool(tool: Tool, max_payload_kg: float, gravity: Array) -> None:
 
     Raises:
         InputError: the quaternion or the inertia is invalid.
-        LimitError: a limit is exceeded; gives the value and the limit.
+        LimitError: a limit is exceeded; the message gives the value and the limit.
     """
     if not 0.0 <= tool.mass <= max_payload_kg:
         raise LimitError(

@@ -20,7 +20,7 @@ def check_message(text: str) -> None:
     """Check the size of an encoded message.
 
     Raises:
-        PayloadError: a limit is exceeded; gives the number and the limit.
+        PayloadError: a limit is exceeded; the message gives the number and the limit.
     """
     if len(text) > MAX_MESSAGE:
         raise PayloadError(f"the message has {len(text)} characters, allowed: {MAX_MESSAGE}")

@@ -105,7 +105,7 @@ class Messages:
         """The message after checking. Missing fields have the defaults of ROS.
 
         Raises:
-            InputError: the message is invalid; names the place and the problem.
+            InputError: the message is invalid; the message names the place and the problem.
         """
         try:
             return self.record(name).check(message, "")

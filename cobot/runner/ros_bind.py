@@ -63,7 +63,7 @@ class RosBridge:
 
     Raises (every method):
         Stopping: the program must end.
-        InputError: an argument is invalid; gives the reason.
+        InputError: an argument is invalid; the message gives the reason.
         UnavailableError: there is no connection, or it was closed.
     """
 

@@ -105,7 +105,7 @@ def read_sequence(path: Path) -> Sequence:
     """Read and validate a sequence file; "-" is standard input.
 
     Raises:
-        InputError: the file is not valid; names each place, its value and the valid values.
+        InputError: the file is not valid; the message names each place, its value and the valid values.
     """
     raw = read_file(path)
     try:
@@ -143,7 +143,7 @@ def sequence_of(content: Any) -> Sequence:
     """Validate a sequence from a file or a program.
 
     Raises:
-        InputError: the content is not valid; names each place, its value and the valid values.
+        InputError: the content is not valid; the message names each place, its value and the valid values.
     """
     _require_flat(content)
     try:

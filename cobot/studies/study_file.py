@@ -29,7 +29,8 @@ def load_study(path: Path | str) -> Study:
     """Read a study.
 
     Raises:
-        ConfigError: the file is missing or invalid; names the file, the key, the value and the valid values.
+        ConfigError: the file is missing or invalid; the message names the file, the key, the value and the
+            valid values.
     """
     path = Path(path)
     return study_of(read_mapping(path), path.resolve().parent, str(path))

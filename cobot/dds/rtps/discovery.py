@@ -1,8 +1,8 @@
 """Finds participants and their endpoints, and matches compatible endpoints (RTPS 2.2, 8.5).
 
 Participants announce themselves by multicast, and by unicast to those they have heard from. Endpoints are
-announced over reliable built-in topics between every two participants. This module is long because it decides
-in one place what counts as a peer, and which resources a peer may use.
+announced over reliable built-in topics between every two participants. This module is long because it alone
+decides which participants are peers, and which resources they may use.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _ANNOUNCE_S = 3.0
 _GREETINGS = 30
 _GREET_S = 0.1
 _MAX_LEASE_S = 300.0
-_SILENT_S = 10.0  # if all places are used, a peer heard from within this time is not replaced
+_SILENT_S = 10.0  # if the table is full, a peer heard from within this time is not replaced
 
 
 @dataclass(slots=True)

@@ -57,8 +57,8 @@ class History:
         return next(iter(self._changes), default)
 
     def add(self, change: Change) -> int:
-        """Add a change. Returns the number of changes that were removed to make room. Changes with the same
-        key do not count.
+        """Add a change. Returns the number of changes that were removed to stay within the limits, not
+        counting changes with the same key.
         """
         if change.key is not None:
             replaced = self._by_key.get(change.key)

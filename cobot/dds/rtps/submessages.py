@@ -70,7 +70,7 @@ def info_destination(prefix: bytes) -> bytes:
 
 
 def info_time(seconds: float) -> bytes:
-    """An INFO_TS submessage. `seconds` counts from 1970; 32 bits are enough until 2106."""
+    """An INFO_TS submessage. `seconds` is the time since 1970; 32 bits are enough until 2106."""
     whole = int(seconds)
     return _TIME.pack(SubmessageKind.INFO_TS, _LITTLE, 8, whole & _U32_MAX, int((seconds - whole) * 2**32))
 

@@ -132,7 +132,7 @@ class Wire:
             return
         try:
             self._sender.sendto(datagram, address)
-        except OSError:  # no route or no room: the same as a loss on the network
+        except OSError:  # no route or a full buffer: the same as a loss on the network
             self.statistics.send_errors += 1
         else:
             self.statistics.datagrams_sent += 1

@@ -144,7 +144,7 @@ class WriterProxy(BufferHolder):
         piece: memoryview,
         now_s: float,
     ) -> SampleAssembly | None:
-        """Add a fragment. Returns the sample if this completes it. A sample that is too large counts as a
+        """Add a fragment. Returns the sample if this completes it. A sample that is too large is treated as a
         gap.
         """
         assembly = self._assemblies.get(sequence)

@@ -101,7 +101,7 @@ def _require_serial(file: Path, root: Element, spec: mujoco.MjSpec, chain: list[
     """Reject an arm in which a joint does not move independently. A telescope counts as one joint.
 
     Raises:
-        ConfigError: there is such a joint; names the joint, its line and the remedies.
+        ConfigError: there is such a joint; the message names the joint, its line and the remedies.
     """
     stages = {other for telescope in find_telescopes(spec, chain) for other in telescope.others}
     chain = [node for node in chain if node not in stages]

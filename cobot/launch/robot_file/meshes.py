@@ -122,8 +122,8 @@ def find_mesh(file: Path, mesh: Element, link: str, packages: Sequence[Path]) ->
     """The file of a link's <mesh>.
 
     Raises:
-        ConfigError: the file does not exist, or its format is not supported; names the line, the link and the
-            path.
+        ConfigError: the file does not exist, or its format is not supported; the message names the line, the
+            link and the path.
     """
     try:
         path = located(file, mesh.get("filename") or "", packages)

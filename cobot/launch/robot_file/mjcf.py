@@ -22,7 +22,7 @@ def load_spec(file: Path, copy: Path) -> mujoco.MjSpec:
         file: the user's file, for messages.
 
     Raises:
-        ConfigError: MuJoCo cannot read the file; gives MuJoCo's reason.
+        ConfigError: MuJoCo cannot read the file; the message gives MuJoCo's reason.
     """
     try:
         return mujoco.MjSpec.from_file(str(copy))

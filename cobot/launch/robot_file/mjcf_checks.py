@@ -42,7 +42,8 @@ def check_mjcf(file: Path, root: Element) -> None:
     that are not finite, or invalid names.
 
     Raises:
-        ConfigError: the file contains one of them; names the line, the element, the number and the limit.
+        ConfigError: the file contains one of them; the message names the line, the element, the number and
+            the limit.
     """
     _Counter(file).add(file, root, 1)
 

@@ -24,7 +24,8 @@ def compiled(file: Path, spec: mujoco.MjSpec) -> mujoco.MjModel:
     """Compile a specification.
 
     Raises:
-        ConfigError: MuJoCo rejects it; gives MuJoCo's reason, and a remedy for links without inertia.
+        ConfigError: MuJoCo rejects it; the message gives MuJoCo's reason, and a remedy for links without
+            inertia.
     """
     try:
         return spec.compile()

@@ -45,7 +45,7 @@ def read_joints(file: Path, root: Element, still: Container[str]) -> mujoco.MjSp
         still: the joints that are kept fixed.
 
     Raises:
-        ConfigError: a joint is not valid; names the joint and the remedy.
+        ConfigError: a joint is not valid; the message names the joint and the remedy.
     """
     state_limits(file, root)
     for joint in root.findall("joint"):
@@ -64,7 +64,7 @@ def read_urdf(file: Path, root: Element, meshes: Meshes) -> mujoco.MjSpec:
     """The complete specification. Call it after `read_joints`.
 
     Raises:
-        ConfigError: a link or a mesh is not valid; names it and the remedy.
+        ConfigError: a link or a mesh is not valid; the message names it and the remedy.
     """
     for link in root.findall("link"):
         _replace_meshes(link, meshes)

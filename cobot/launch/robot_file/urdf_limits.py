@@ -49,7 +49,7 @@ def check_driven(file: Path, root: Element, driven: Sequence[str], without: Sequ
         without: joints that are already left out. The option that the message suggests must repeat them.
 
     Raises:
-        ConfigError: there is such a joint; names the line, the first joint and the remedies.
+        ConfigError: there is such a joint; the message names the line, the first joint and the remedies.
     """
     joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
     rangeless = [name for name in driven if name in joints and _is_rangeless(joints[name])]
@@ -71,7 +71,8 @@ def check_supported(file: Path, root: Element, limits: JointLimits, without: Seq
         without: see `check_driven`.
 
     Raises:
-        ConfigError: there is such a limit; names the line, the first joint, the value and the bound.
+        ConfigError: there is such a limit; the message names the line, the first joint, the value and the
+            bound.
     """
     elements = {joint.get("name"): joint for joint in root.iter("joint")}
     found = list(_unsupported(limits))

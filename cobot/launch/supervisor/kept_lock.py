@@ -34,7 +34,8 @@ def locking_kept_files(settings: Settings) -> Iterator[None]:
     """A context that holds the locks until it ends.
 
     Raises:
-        ConflictError: a different process is holding one of the locks; names the file and the process.
+        ConflictError: a different process is holding one of the locks; the message names the file and the
+            process.
     """
     with ExitStack() as held:
         for path in sorted(lock_files(settings)):

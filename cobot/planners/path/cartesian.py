@@ -49,7 +49,7 @@ def follow(
             any.
 
     Raises:
-        UnreachableError: a joint cannot follow the path; names the joint and the path share.
+        UnreachableError: a joint cannot follow the path; the message names the joint and the path share.
         CollisionError: the motion touches something.
         PlanningError: the joints cannot follow at a useful speed or accurately enough.
     """

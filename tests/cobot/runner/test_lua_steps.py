@@ -215,7 +215,7 @@ def test_a_sequence_file_is_called(service: Service) -> None:
         ("press {force = 10, max_force = 5}", "press: max_force is 5 N; it must be above force"),
         ("insert {force = 10}", "insert.depth: is missing"),
         ("search {forse = 10}", "unknown key 'forse' .did you mean 'force'"),
-        ("follow {force = 1, motion = {x = 1, y = 0, z = 0}}", "ptp follows no path"),
+        ("follow {force = 1, motion = {x = 1, y = 0, z = 0}}", "ptp does not follow a TCP path"),
         ("set('lamp')", "the value of lamp must be a number, got nil"),
         ("set('lamp', 'on')", "the value of lamp must be a number, got a string"),
         ("wait_for({input = 'part'})", "a condition is"),

@@ -315,7 +315,7 @@ def test_a_step_that_one_refuses_the_other_refuses_too(
         ),
         (
             [{"follow": {**PUSH, "motion": POSE}}],
-            "steps[0].follow: motion.planner: ptp follows no path of the TCP; valid with force: lin, circ",
+            "steps[0].follow: motion.planner: ptp does not follow a TCP path; valid planners: lin, circ",
         ),
         (
             [{"follow": {**PUSH, "motion": {**ALONG, "start_when": PART}}}],

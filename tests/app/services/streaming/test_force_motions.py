@@ -338,7 +338,7 @@ def test_a_stop_ends_it(service: VirtualService, table: Table, end: str) -> None
         ("press", {"force": 10.0, "max_force": 5.0}, "it must be above force"),
         ("press", {"force": 10.0, "direction": {"x": 0.0, "y": 0.0, "z": 0.0}}, "direction: has no length"),
         ("press", {"force": 10.0, "frame": "world"}, "frame"),
-        ("follow", {"force": 10.0, "motion": {**START, "planner": "ptp"}}, "follows no path"),
+        ("follow", {"force": 10.0, "motion": {**START, "planner": "ptp"}}, "does not follow a TCP path"),
         ("follow", {"force": 10.0, "motion": {**START, "planner": "lin"}}, "already at the end"),
         (
             "follow",

@@ -128,7 +128,7 @@ def test_the_speed_slider_is_a_share_or_per_cent(
 
 def test_a_stop_that_is_not_answered_says_that_the_arm_may_move(limits: JointLimits) -> None:
     arm, link = arm_told(limits, {})
-    link.cancel = lambda: "/a has not answered a cancel within 2 s"  # type: ignore[method-assign]
+    link.cancel = lambda: "/a has not answered a cancel request within 2 s"  # type: ignore[method-assign]
     with pytest.raises(BackendError, match="press the emergency stop"):
         arm.stop()
 
