@@ -60,8 +60,7 @@ def get(
 
 
 def _decoded(response: httpx2.Response) -> dict[str, Any]:
-    """
-    Decode the JSON object in an answer.
+    """Decode the JSON object in an answer.
 
     Raises:
         UnavailableError: the answer is not from a hub.

@@ -204,7 +204,7 @@ class RobotBundles:
         if self._is_active(name):
             return f"{bundle.title} is active already"
         self._require_rest()
-        self.recover()  # otherwise the changes of an interrupted activation would be stored as the earlier state
+        self.recover()  # otherwise an interrupted activation would be stored as the earlier state
         previous = self.installed
         self._keep(self._before(name, bundle))
         restart_for: list[str] = []

@@ -40,7 +40,7 @@ class DigitalOptions(GripperOptions):
         None
     )
     inverted_inputs: Annotated[
-        bool, Field(description="true: both inputs are inverted, so that off has the meaning of on.")
+        bool, Field(description="true: both inputs are inverted, so that off means on.")
     ] = False
     close_time_s: Annotated[Seconds, Field(description="Time in which the fingers close, s.")] = 0.3
     open_time_s: Annotated[Seconds, Field(description="Time in which the fingers open, s.")] = 0.3
@@ -74,9 +74,9 @@ class DigitalGripper(TwoPositions):
     """The driver for such a gripper, see the module. With two outputs (a valve with two coils) exactly one of
     them is on. A single output is on or off.
 
-    Without inputs a command counts as finished after `close_time_s` or `open_time_s`. With `opened_input`, it
-    is a fault if opening takes three times as long. With `closed_input`, the fingers hold an object if they
-    have closed and the input is off.
+    Without inputs a command is considered finished after `close_time_s` or `open_time_s`. With
+    `opened_input`, it is a fault if opening takes three times as long. With `closed_input`, the fingers hold
+    an object if they have closed and the input is off.
     """
 
     Options = DigitalOptions

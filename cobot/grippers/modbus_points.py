@@ -47,8 +47,8 @@ class ModbusOptions(BaseModel):
 
 
 class ModbusPoints:
-    """The points of a Modbus device, see `IoPort`. Their names are such as `coil 3`, `input 0`, `register 7`,
-    `input register 2`. Numbers begin at 0.
+    """The points of a Modbus device, see `IoPort`. Their names are, for example, `coil 3`, `input 0`,
+    `register 7`, `input register 2`. Numbers begin at 0.
     """
 
     def __init__(self, options: ModbusOptions) -> None:

@@ -27,8 +27,8 @@ class FingerGoal(Enum):
 
 
 class TwoPositions:
-    """Base class for a gripper with two positions. It chooses the position that is nearer to a width, and
-    measures how long the fingers take.
+    """Base class for a gripper with two positions. It chooses the position that is nearer to the requested
+    width, and measures how long the fingers take.
 
     Args:
         width_m: width of the closed and of the open gripper; None for a gripper without a width.
@@ -38,7 +38,7 @@ class TwoPositions:
     """
 
     LATE = 3.0
-    """Multiple of a command's usual duration. If a command has no effect by then, this is a fault."""
+    """A command that has no effect after this multiple of its usual duration is a fault."""
 
     def __init__(self, port: IoPort, width_m: Range | None, clock: Now = SYSTEM) -> None:
         self._port = port

@@ -21,12 +21,12 @@ from cobot.strict import shown
 Range = tuple[float, float]
 NO_OBJECT = ("none", "lost")
 MAX_VALUE = 1e6
-"""Largest width, force or temperature that counts as a measured value."""
+"""Largest width, force or temperature that is accepted as a measured value."""
 
 
 class GripperError(Exception):
-    """The device does not answer, rejects a request or reports a fault. The user reads the text as the
-    reason.
+    """Raised if the device does not answer, rejects a request or reports a fault. The text is shown to the
+    user as the reason.
     """
 
 
@@ -59,8 +59,8 @@ class GripperCapabilities:
     the capability.
 
     Attributes:
-        width_m: the smallest and the largest width between the fingers, m. None means that the gripper has no
-            width, such as a suction cup, and only grasps and releases.
+        width_m: the smallest and the largest width between the fingers, m. None for a gripper without a
+            width, such as a suction cup, which only grasps and releases.
         force_n: the forces that can be commanded, N; None means that the force is fixed.
         speed_m_s: the speeds that can be commanded, m/s; None means that the speed is fixed.
         object_detection: whether `GripperState.object` is known.
@@ -85,7 +85,7 @@ class GripperCapabilities:
         for name in ("width_m", "force_n", "speed_m_s"):
             bounds = getattr(self, name)
             if bounds is not None and not 0.0 <= bounds[0] < bounds[1]:
-                raise ValueError(f"{name}: {bounds} is not a range of numbers from 0 on")
+                raise ValueError(f"{name}: {bounds} is not a range of numbers of 0 or more")
 
     @property
     def words(self) -> str:

@@ -32,7 +32,7 @@ class FirstTarget:
 
     def note(self, setpoint: np.ndarray) -> None:
         """Record a target before it is sent; the target is a record of `cobot.ipc.layout.setpoint_dtype`.
-        Only the first target counts.
+        Later targets are ignored.
         """
         if self._target is None and setpoint["number"]:
             self._target = setpoint.copy()

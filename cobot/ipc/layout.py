@@ -78,7 +78,7 @@ class Intervention(IntEnum):
     TRACKING = 5
     SERVICE_TIMEOUT = 6
     OVERRUN = 7
-    JUMP = 8  # a streamed target was farther from the last one than an arm can get: rejected
+    JUMP = 8  # a streamed target was farther from the last one than an arm can move: rejected
     COMMAND_TIMEOUT = 9  # no streamed target arrived for too long: stopped
     COLLISION = 10  # a stream led into the arm itself or its surroundings: stopped
     PROXIMITY = 11  # a stream came near them: slowed down
@@ -356,7 +356,7 @@ def info_dtype(dof: int) -> np.dtype:
     return np.dtype(
         [
             ("model", INFO_TEXT),
-            ("period_s", "f8"),  # of the cycle
+            ("period_s", "f8"),  # cycle period
             ("joint_names", INFO_TEXT, (dof,)),
             ("min_position", *joints),
             ("max_position", *joints),
@@ -378,7 +378,7 @@ def session_dtype(dof: int) -> np.dtype:
     joints = ("f8", (dof,))
     return np.dtype(
         [
-            ("number", "u8"),  # of the session; each session gets a new number
+            ("number", "u8"),  # session number; each session gets a new one
             ("open", "u8"),  # 1: in use; 2: a servo session that ends after its current points
             ("pid", "u8"),  # the client's process; the session ends with it
             ("stops", "u8"),  # number of stops when the client sent the request; a later stop rejects it

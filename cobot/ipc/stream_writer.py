@@ -101,7 +101,7 @@ class PointWriter:
         self._session, self._seen, self.number = session, 0, 0
 
     def put(self, joints: Sequence[float], time_s: float, lookahead_s: float, gain: float) -> bool:
-        """Write a point, rad and s. Returns False if there is no room because rtloop has not read enough
+        """Write a point, rad and s. Returns False if the ring is full, because rtloop has not read enough
         points.
         """
         if self.number - self._seen >= POINTS:

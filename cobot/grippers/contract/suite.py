@@ -242,9 +242,7 @@ def lose(subject: Subject) -> str:
 
 
 def disconnect(subject: Subject) -> str:
-    """If a device does not answer, this causes a GripperError with a text, and the device can be used again
-    later.
-    """
+    """A device that does not answer causes a GripperError with a message, and can be used again later."""
     _injectable(subject, "disconnect")
     subject.prepare()
     subject.rig.inject("disconnect")
@@ -252,7 +250,7 @@ def disconnect(subject: Subject) -> str:
         try:
             call()
         except GripperError as exc:
-            require(len(str(exc)) > len("error"), "the error has no text")
+            require(len(str(exc)) > len("error"), "the error has no message")
         else:
             raise ContractError(
                 f"{call.__name__} does not raise a GripperError while the device does not answer"
@@ -261,7 +259,7 @@ def disconnect(subject: Subject) -> str:
     subject.rig.clear("disconnect")
     subject.gripper.connect()
     subject.gripper.state()
-    return "a lost device causes an error with a text, and can be used again"
+    return "a lost device causes an error with a message, and can be used again"
 
 
 def fault(subject: Subject) -> str:

@@ -51,7 +51,7 @@ RESETS = 20
 """Maximum number of times that the driver asks whether the activation has been reset, before it activates the
 gripper.
 """
-INACTIVE = "the gripper is not activated: POST /robot/gripper/home, in which its fingers close and open"
+INACTIVE = "the gripper is not activated: POST /robot/gripper/home, which closes and opens its fingers"
 
 
 class RobotiqOptions(GripperOptions):

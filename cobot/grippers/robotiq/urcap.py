@@ -21,7 +21,7 @@ from cobot.grippers.robotiq.registers import Activation, Detection, Request, Rob
 PORT = 63352
 ACK, UNKNOWN = "ack", "?"
 QUIET_S = 0.02
-"""Time without data after which a value without a newline counts as complete, s."""
+"""Time without data after which a value without a newline is considered complete, s."""
 MAX_ANSWER = 64
 _VALUE = re.compile(r"([A-Z]{3}) (\d{1,3})")
 

@@ -80,7 +80,7 @@ class RosOptions(GripperOptions):
             )
         if self.force is not None and not 0.0 <= self.force[0] < self.force[1]:
             raise ValueError(
-                f"force is {list(self.force)}; it must be a smallest and a largest value from 0 on"
+                f"force is {list(self.force)}; it must be a smallest and a largest value, both 0 or more"
             )
         return self
 
@@ -99,8 +99,8 @@ def link_settings(options: RosOptions, ros: RosSection) -> dict[str, Any]:
 
 
 class RosGripper:
-    """The driver for a gripper that has a ROS 2 driver, see the module. If a goal has ended stalled, the
-    fingers hold an object.
+    """The driver for a gripper that has a ROS 2 driver, see the module. If a goal has ended with `stalled`,
+    the fingers hold an object.
     """
 
     Options = RosOptions
@@ -133,8 +133,8 @@ class RosGripper:
         return RosRig(options)
 
     def connect(self) -> None:
-        """Listen to the ROS 2 driver, and wait for it for a short time. It remains known whether an object is
-        held.
+        """Listen to the ROS 2 driver, and wait for it for a short time. Whether an object is held is
+        remembered.
         """
         self._link.open()
         for _ in range(LOOKS):
@@ -221,7 +221,7 @@ class RosGripper:
             self._end(goal.status, goal.values)
             return False
         if goal.accepted is False:
-            self._fail("has rejected the goal; the log of its driver says why")
+            self._fail("has rejected the goal; see the log of its driver")
         if goal.accepted is None and waited_s > options.answer_timeout_s:
             self._fail(
                 f"has not answered the goal within {options.answer_timeout_s:g} s; check that its driver "
@@ -240,8 +240,8 @@ class RosGripper:
             self._fail(f"has reported the status {status} for a result: the driver does not know the goal")
         if status == ABORTED and not values["stalled"]:
             self._fail(
-                "has aborted the goal; the log of its driver says why, and another client may have commanded "
-                "the gripper"
+                "has aborted the goal; see the log of its driver, or another client may have commanded the "
+                "gripper"
             )
         if status != CANCELED:
             self._hold(values, self._width_m())

@@ -53,7 +53,7 @@ class DriverState:
         joint: position and effort of the joint; None before the first joint state, or if they are not
             numbers.
         joint_s, told_s: times of the last joint state, and of the last data of any kind.
-        goal: the latest goal. A new goal is a new object, so that a result that arrives in the same moment is
+        goal: the latest goal. A new goal is a new object, so that a result that arrives at the same moment is
             not mistaken for its result.
         earlier: values of the last result from before this link was opened.
         problem: the reason why no more data arrive; "" while data arrive.

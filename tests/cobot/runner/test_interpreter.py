@@ -221,9 +221,9 @@ def test_an_unknown_input_ends_the_sequence_wherever_it_stands(robot: Robot, ste
 @pytest.mark.parametrize(
     ("condition", "words"),
     [
-        ({"input": "level", "is": True}, 'level is analog: its condition takes "above" or "below"'),
-        ({"input": "part", "above": 1}, 'part is boolean: its condition takes "is"'),
-        ({"input": "lamp", "is": True}, "lamp is an output; a condition takes an input"),
+        ({"input": "level", "is": True}, 'level is analog: its condition needs "above" or "below"'),
+        ({"input": "part", "above": 1}, 'part is boolean: its condition needs "is"'),
+        ({"input": "lamp", "is": True}, "lamp is an output; a condition needs an input"),
     ],
 )
 def test_a_condition_that_does_not_fit_its_input_is_refused(
