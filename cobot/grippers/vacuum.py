@@ -64,9 +64,7 @@ class VacuumOptions(GripperOptions):
     ] = False
     grasp_time_s: Annotated[
         Seconds,
-        Field(
-            description="Time for the vacuum to build up, s; if there is no vacuum by then, nothing is held."
-        ),
+        Field(description="Time for the vacuum to build up, s; otherwise no part is held."),
     ] = 1.0
     release_time_s: Annotated[Seconds, Field(description="Time in which the part comes off, s.")] = 0.3
     on_power_loss: PowerLoss = PowerLoss.UNKNOWN

@@ -61,7 +61,7 @@ class Diagnosis:
 
 
 class Machine:
-    """The files in which Linux describes itself.
+    """The files in which Linux describes the computer.
 
     Args:
         root: root folder of these files. Tests use a different one.

@@ -168,7 +168,7 @@ def _run(
             failure = f"{shlex.join(line)}: {(done.stderr or done.stdout).strip()}"
             if line[0] != "udevadm":
                 raise InstallError(failure)
-            print(f"warning   {failure}; the next start of the computer does it", file=out)
+            print(f"warning   {failure}; this happens at the next start of the computer", file=out)
 
 
 def _below(root: Path, path: Path) -> Path:

@@ -48,7 +48,7 @@ def check_name(name: str, taken: Mapping[str, str], what: str, suffix: str) -> N
     """
     if len(name) > MAX_LENGTH or not NAME.fullmatch(name):
         raise ConfigError(
-            f"{name[:80]!r} is not a valid name for a {what}; use up to {MAX_LENGTH} small letters, "
+            f"{name[:80]!r} is not a valid name for a {what}; use up to {MAX_LENGTH} lowercase letters, "
             f"digits and single underscores, beginning with a letter, such as my_{suffix}"
         )
     if keyword.iskeyword(name) or keyword.issoftkeyword(name) or name in sys.stdlib_module_names:
@@ -68,7 +68,7 @@ def write_package(folder: Path, files: Mapping[str, str]) -> None:
     if folder.exists():
         raise ConfigError(f"{folder}: exists already; choose another place, or remove it")
     if not parent.is_dir():
-        raise ConfigError(f"{folder}: cannot be written: there is no folder {parent}; make it first")
+        raise ConfigError(f"{folder}: cannot be written: there is no folder {parent}; create it first")
     try:
         with tempfile.TemporaryDirectory(dir=parent, prefix=".new-package-") as made:
             inside = Path(made) / "package"

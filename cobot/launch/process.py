@@ -131,7 +131,7 @@ def set_niceness(niceness: Niceness, *, session: bool = False) -> None:
 
     Args:
         session: niceness of the session, if this process has started one. By default Linux first shares the
-            processor among sessions, and niceness counts only within a session (sched(7), the autogroup
+            processor among sessions, and niceness applies only within a session (sched(7), the autogroup
             feature). Control groups can change that. Use this argument for processes that wait most of the
             time.
     """

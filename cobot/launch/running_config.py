@@ -36,7 +36,9 @@ PROCESSES = "processes.json"
 
 @dataclass(frozen=True, slots=True)
 class ProcessState:
-    """State of a process, as the supervisor sees it. `restarts` counts from the supervisor's start."""
+    """State of a process, as the supervisor sees it. `restarts` is the number of restarts since the
+    supervisor's start.
+    """
 
     pid: int
     restarts: int

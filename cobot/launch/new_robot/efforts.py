@@ -15,8 +15,8 @@ from cobot.robot.model import RobotModel
 from cobot.types import JointLimits
 
 FRICTION_SHARE = 0.3
-"""Maximum share that friction and damping at full speed may take of the effort that remains after holding the
-arm. Planned motions use the remaining effort.
+"""Maximum share of the effort left after holding the arm that friction and damping may take at full speed.
+Planned motions use the remaining effort.
 """
 MIN_SHARE = 0.05
 """Share of the whole effort that friction and damping may always take, even if holding the arm leaves no

@@ -1,9 +1,9 @@
 """Measures with MuJoCo the width of turning fingers as a function of the angle of their first joint.
 
 The width is the distance between the ends of both fingers, or between the end of a jaw and the end of the
-link that carries the jaw. It is measured between the convex collision shapes. Only the ends of the shapes
-count, because near its axis a jaw is close to its link at every angle. The ends are cut off while the fingers
-are closed.
+link that carries the jaw. It is measured between the convex collision shapes. Only the ends of the shapes are
+measured, because near its axis a jaw is close to its link at every angle. The ends are cut off while the
+fingers are closed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from scipy.spatial import ConvexHull, QhullError
 from cobot.types import Array
 
 END_M, END_SHARE = 0.02, 0.25
-"""Length of the part that counts as the end of a finger, m, and its maximum as a share of the finger's
+"""Length of the part that is treated as the end of a finger, m, and its maximum as a share of the finger's
 length.
 """
 FROM_TIP_M, FROM_TIP_SHARE = 0.01, 0.25
@@ -28,13 +28,15 @@ FROM_TIP_M, FROM_TIP_SHARE = 0.01, 0.25
 ANGLES, WIDTHS = 129, 17
 """Number of angles at which the width is measured, and number of widths in the result."""
 FAR_M, NEAR_M = 2.0, 1e-4
-"""Largest distance that is measured, m, and distance below which two axes count as one, m."""
+"""Largest distance that is measured, m, and distance below which two axes are treated as one, m."""
 GROWS_M, TOUCH_M = 1e-7, 1e-4
-"""Minimum growth of the width from one angle to the next, m, and width below which the fingers count as
+"""Minimum growth of the width from one angle to the next, m, and width below which the fingers are considered
 touching, m.
 """
 SAME_REACH = 0.9
-"""A third branch counts as a finger if its reach is at least this share of the reach of the second branch."""
+"""A third branch is treated as a finger if its reach is at least this share of the reach of the second
+branch.
+"""
 STROKES_M, CLOSED_SHARE = (0.001, 0.5), 0.5
 
 

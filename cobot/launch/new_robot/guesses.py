@@ -32,7 +32,7 @@ ACCELERATION_PER_VELOCITY, JERK_PER_ACCELERATION = 4.0, 10.0
 """Guessed ratios: full speed is reached within a quarter of a second, full acceleration within a tenth."""
 MAX_ACCELERATION = 100.0
 """The largest acceleration that is guessed, rad/s² or m/s². A velocity that needs a larger acceleration,
-such as 1e4, counts as a placeholder.
+such as 1e4, is treated as a placeholder.
 """
 MANY_TURNS_RAD = 8.0 * np.pi
 """Range above which the file probably uses degrees, because few joints turn that far."""
@@ -161,7 +161,7 @@ def pairs_that_touch(
 ) -> list[tuple[str, str]]:
     """The pairs of links that are within 5 mm of each other in every sample, except disabled pairs.
 
-    Each solid of the surroundings counts as a separate link, but only if no sample is inside the solid.
+    Each solid of the surroundings is treated as a separate link, but only if no sample is inside the solid.
     """
     checker = CollisionChecker(robot, MARGIN_M, map(frozenset, disabled))
     distances = checker.clearance.distances(_samples(robot.limits), MARGIN_M)

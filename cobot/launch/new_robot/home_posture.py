@@ -43,8 +43,8 @@ takes.
 COST_BELOW, COST_NARROW, COST_SINGULAR = 4.0, 1.0, 0.4
 """Cost of a link below the base, of links that are nearer than the wide margin, and of a singular posture."""
 SINGULAR = 0.01
-"""Ratio of the least to the greatest singular value of the Jacobian below which a posture counts as singular.
-Lengths are shares of the reach.
+"""Ratio of the least to the greatest singular value of the Jacobian below which a posture is considered
+singular. Lengths are shares of the reach.
 """
 SAMPLES = 500
 _SIZES = {mujoco.mjtJoint.mjJNT_FREE: 7, mujoco.mjtJoint.mjJNT_BALL: 4}

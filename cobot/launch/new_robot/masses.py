@@ -21,8 +21,8 @@ from cobot.launch.robot_file.typed import typed
 from cobot.types import Array
 
 DENSITY_KG_M3 = 1100.0
-"""Mass per volume of the collision shapes, kg/m³. Meshes count as their convex hulls, and overlaps count
-once. The value is the median of 71 robots with known masses, see docs/your-robot.md.
+"""Mass per volume of the collision shapes, kg/m³. Meshes are replaced by their convex hulls, and overlaps are
+counted once. The value is the median of 71 robots with known masses, see docs/your-robot.md.
 """
 DENSITIES_KG_M3 = (1.0, 30_000.0)
 MAX_MASS_KG = 10_000.0
@@ -208,7 +208,7 @@ class _Settling:
         return self._moves(link) and link.name not in self._wishes.masses
 
     def _require_some_mass(self) -> None:
-        """Raises: ConfigError: no moving link has a mass, so every mass would be a guess."""
+        """Raise ConfigError if no moving link has a mass, because every mass would be a guess."""
         moving = [link for link in self._links if self._moves(link)]
         masses = self._wishes.masses
         if moving and not any(each.body.explicitinertial or each.name in masses for each in moving):

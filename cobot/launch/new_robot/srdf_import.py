@@ -50,7 +50,7 @@ class Tree:
 
     @classmethod
     def of_urdf(cls, root: Element) -> Tree:
-        """The tree of a URDF. A joint that mimics a different joint does not count as a moving joint."""
+        """The tree of a URDF. A joint that mimics a different joint is not treated as a moving joint."""
         joints = []
         for joint in root.findall("joint"):
             parent, child = (joint.find(end) for end in ("parent", "child"))
@@ -68,7 +68,7 @@ class Tree:
     @classmethod
     def of_mjcf(cls, spec: mujoco.MjSpec) -> Tree:
         """The tree of an MJCF file. A body without joints gets a fixed joint without a name. A solid that
-        belongs to the world counts as a link.
+        belongs to the world is treated as a link.
         """
         joints = [
             FileJoint(joint.name if joint else "", body.parent.name, body.name, joint is not None)
@@ -260,8 +260,8 @@ class _Reader:
         return bool(joints) and above.issuperset(joints)
 
     def _read_states(self, found: Semantics) -> None:
-        """Read the states. If several states have one name, the first one counts, and a state of this group
-        counts before states of other groups.
+        """Read the states. If several states have one name, the first one is used, and states of this group
+        take precedence over those of other groups.
         """
         states = self._root.findall("group_state")
         for state in sorted(states, key=lambda state: state.get("group") != found.group):

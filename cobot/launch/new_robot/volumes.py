@@ -1,4 +1,4 @@
-"""Volumes and sizes of the shapes of a robot's links. If shapes of a link overlap, the overlap counts
+"""Volumes and sizes of the shapes of a robot's links. If shapes of a link overlap, the overlap is counted
 once.
 """
 
@@ -55,7 +55,7 @@ class Solid:
             counts += shape.holds(points)
         ends = np.cumsum([len(each) for each in sampled])[:-1]
         for shape, inside in zip(shapes, np.split(counts, ends), strict=True):
-            # Each point counts as one divided by the number of shapes that contain it.
+            # The weight of each point is one divided by the number of shapes that contain it.
             shared += shape.volume * float(np.mean(1.0 / np.maximum(inside, 1)))
         return shared / sum(shape.volume for shape in shapes)
 

@@ -98,7 +98,7 @@ def named_arm(
 
 
 def _require_serial(file: Path, root: Element, spec: mujoco.MjSpec, chain: list[MovingJoint]) -> None:
-    """Reject an arm in which a joint does not move independently. A telescope counts as one joint.
+    """Reject an arm in which a joint does not move independently. A telescope is treated as one joint.
 
     Raises:
         ConfigError: there is such a joint; the message names the joint, its line and the remedies.

@@ -1,7 +1,7 @@
 """Convex solids of a mesh for collision checking: its hull, or several solids if the hull would be wrong.
 
-A hull is wrong if it fills much free space, such as the inside of a yoke. This is measured on a grid: the
-depth in the hull counts for the cells that the mesh neither touches nor encloses.
+A hull is wrong if it fills much free space, such as the inside of a yoke. This is measured on a grid, as the
+depth in the hull of the cells that the mesh neither touches nor encloses.
 """
 
 from __future__ import annotations

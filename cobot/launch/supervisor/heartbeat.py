@@ -21,7 +21,7 @@ from cobot.launch.forked import Forked
 from cobot.launch.process import is_stopped, is_traced
 
 MAX_STEP_S = 0.5
-"""Maximum time that counts between two checks, in seconds. If more time has passed, the computer may have
+"""Maximum time that is counted between two checks, in seconds. If more time has passed, the computer may have
 been paused.
 """
 LAST_WORDS_S = 1.0
@@ -36,7 +36,7 @@ class HeartbeatWatch:
     Args:
         name: process name for messages.
         beats: returns a number that changes with each heartbeat.
-        timeout_s: time without a heartbeat after which the process counts as hung; None for no timeout.
+        timeout_s: time without a heartbeat after which the process is considered hung; None for no timeout.
     """
 
     def __init__(self, name: str, beats: Callable[[], int], timeout_s: float | None) -> None:
