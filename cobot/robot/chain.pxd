@@ -10,7 +10,7 @@ cdef class Chain:
     cdef int _count                       # number of joints on the way to the TCP; the others do not move it
     cdef int _joint[MAX_DOF]              # the column of each of these joints in the joint vector
     cdef bint _slides[MAX_DOF]
-    cdef double _rest[MAX_DOF]            # position of the joint in which the fixed parts were taken
+    cdef double _rest[MAX_DOF]            # position of the joint at which the fixed parts were taken
     cdef double _turn[MAX_DOF + 1][9]     # fixed parts: rotation before each joint, and after the last one
     cdef double _offset[MAX_DOF + 1][3]
     cdef object _joints, _pose, _rotation, _jacobian

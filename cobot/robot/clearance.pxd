@@ -66,7 +66,7 @@ cdef extern from "lanes.h":
     ctypedef void (*LaneCheck)(const LaneModel*, const LaneQuery*, LaneAnswer*) noexcept nogil
 
 
-cdef struct Stretch:       # of a piece of a motion
+cdef struct Stretch:       # a part of a piece of a motion
     int piece
     int number           # in units of its own length
 
@@ -74,7 +74,7 @@ cdef struct Stretch:       # of a piece of a motion
 cdef struct Link:
     int before           # the joint before this one on the way from the world; -1: none
     bint slides
-    double rest          # the joint's position at which the fixed part is as it is
+    double rest          # position of the joint for which the fixed part is given
     double turn[9]       # fixed part, from the frame of the joint before to this one's, whose z is its axis
     double offset[3]
 
@@ -85,12 +85,12 @@ cdef struct Part:
     const CloudNode* nodes
     Sphere* spheres      # around it, in its own frame, if there are clouds
     int sphere_count
-    int joint            # that moves it; -1: it stands
-    bint is_turned       # whether more of its orientation counts than its z axis
+    int joint            # joint that moves it; -1: it is fixed
+    bint is_turned       # whether more of its orientation matters than its z axis
     double turn[9]       # in the joint's frame
     double offset[3]
-    double reach[MAX_DOF]   # no point of it is ever further from a joint's axis, m; 1 for a slide
-    double swept[MAX_DOF]   # how far it moves by a joint and those behind it, m; of the time of `stamp`
+    double reach[MAX_DOF]   # largest distance of its points from a joint's axis, m; 1 for a slide
+    double swept[MAX_DOF]   # how far a joint and those behind it can move it, m; valid for `stamp`
     long stamp
 
 

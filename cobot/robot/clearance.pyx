@@ -39,25 +39,25 @@ cdef extern from "lanes_check.h":
 cdef enum:
     MAX_DEGREE = 5
     MAX_LANES = 16
-    INTERVALS = 256      # of an edge that may wait
+    INTERVALS = 256      # maximum number of waiting intervals of an edge
     GENERATIONS = 12
-    LIKELY = 16          # pairs, the ones of the last hits
-    WEIGHT = 4           # evaluations that a look of the spheres counts for
-    BATCH = 64           # pieces of a motion
+    LIKELY = 16          # number of pairs of the last hits
+    WEIGHT = 4           # number of evaluations to which one check with spheres is equivalent
+    BATCH = 64           # number of pieces of a motion that are checked together
     MAX_STRETCHES = 1024
-    MAX_PARTS = 256      # of a piece
+    MAX_PARTS = 256      # maximum number of parts of a piece
 
 ROUNDING = 2e-6
-"""Bound of the rounding of float32 in `lanes.h`: this times the distances that are computed with, times the
-number of joints that are between."""
+"""Bound of the float32 rounding errors in `lanes.h`: this value times the distances in the computation, times
+the number of joints between the bodies."""
 INSTRUCTIONS = "COBOT_INSTRUCTIONS"
-"""Environment variable: "plain", "avx2" or "avx512" for these instructions alone; "exact": no spheres."""
+"""Environment variable that selects the instructions: "plain", "avx2" or "avx512"; "exact": no spheres."""
 MAX_SLIDE_M = 1e3
 """Largest position of a slide without a range, m."""
 
-# The largest sum of the turns of all joints, rad, in a stretch that spheres look at first.
+# Largest sum of the turns of all joints, rad, in a stretch that is first checked with spheres.
 cdef double SHORT = 0.2
-# No depth is beyond this.
+# Smaller than any distance: no bodies overlap as deeply.
 cdef double DEEPEST = -1e300
 
 
@@ -67,11 +67,11 @@ cdef class Clearance:
     Attributes:
         pairs: the checked pairs of geoms, by their indices; planes come first, boxes last.
         count: the number of pairs.
-        clouds: by the index of a standing geom that is a box, the cubes in it, which count in its place. The
-            next geom must be one cube; it belongs to no pair.
+        clouds: for each fixed geom that is a box, by its index, the cubes in it, which are checked instead of
+            the box. The next geom must be one cube; it belongs to no pair.
         evaluations: the number of configurations that have been checked so far.
-        resolution_m: a motion that passes keeps at least the required distance less this. With a smaller
-            value, more configurations are checked near obstacles.
+        resolution_m: a motion that passes keeps at least the required distance minus this value. With a
+            smaller value, more configurations are checked near obstacles.
     """
 
     def __cinit__(self, mj, pairs, double resolution_m, clouds=None):
@@ -94,7 +94,7 @@ cdef class Clearance:
             raise MemoryError("no memory for the pairs of geoms")
         self._model = model_of(mj)
         self._data = kinematic_data_of(self._model)
-        mj_kinematics(self._model, self._data)  # at qpos0, all zero: what stands, stands there for ever
+        mj_kinematics(self._model, self._data)  # at qpos0, all zero: fixed bodies are at their final poses
         frames = self._fold(mj)
         for index, geom in enumerate(geoms):
             self._set_part(mj, index, geom, frames)
@@ -163,7 +163,7 @@ cdef class Clearance:
                 raise ValueError(f"geom {geom} is a cloud: a cube must be next to it")
             part.cube = solid_of(self._model, geom + 1)
             if part.joint >= 0 or part.cube.kind != BOX or part.cube.size[0] != 0.5 * cloud.voxel_m:
-                raise ValueError(f"geom {geom} is a cloud: it must stand, and a cube must be next to it")
+                raise ValueError(f"geom {geom} is a cloud: it must be fixed, and a cube must be next to it")
         part.is_turned = part.solid.kind != SEGMENT
         local = turn @ matrix_of(mj.geom_quat[geom])
         offset = offset + turn @ mj.geom_pos[geom]
@@ -179,8 +179,8 @@ cdef class Clearance:
             joint = self._link[joint].before
 
     cdef int _set_spheres(self, Part* part) except -1:
-        """Keep the spheres around a moving geom, which bound its distance from the cubes of a cloud. Around
-        what stands, such as a large floor, they could take seconds, and no pair needs them."""
+        """Keep the spheres around a moving geom, which bound its distance from the cubes of a cloud. For
+        fixed geoms, such as a large floor, computing them could take seconds, and no pair needs them."""
         cdef int row, i
         if part.joint < 0 or part.solid.kind == SEGMENT:
             return 0
@@ -199,14 +199,14 @@ cdef class Clearance:
         if self._part[first].solid.kind > self._part[second].solid.kind:
             first, second = second, first
         if self._part[second].solid.kind == CLOUD and self._part[first].joint < 0:
-            raise ValueError(f"pair {index} is a cloud and a geom that stands: only moving ones are checked")
+            raise ValueError(f"pair {index} is a cloud and a fixed geom: only moving geoms are checked")
         pair.first, pair.second = first, second
         common = self._common(self._part[first].joint, self._part[second].joint)
         pair.first_joint = self._after(common, self._part[first].joint)
         pair.second_joint = self._after(common, self._part[second].joint)
 
     cdef int _common(self, int joint, int other) noexcept:
-        """The last joint that moves what each of these moves, or -1."""
+        """The last joint that moves everything that either of these joints moves, or -1."""
         cdef int each
         while joint >= 0:
             each = other
@@ -395,8 +395,8 @@ cdef class Clearance:
                 )
 
     cdef void _sweep(self, Part* part, const double* turned) noexcept nogil:
-        """How far a part can move if no joint turns further than `turned`: for each joint, by it and the
-        inner joints."""
+        """For each joint: how far this joint and the inner joints can move a part if no joint turns further
+        than `turned`."""
         cdef const double* middle = &self._data.geom_xpos[3 * part.solid.geom]
         cdef const double* turn = &self._data.geom_xmat[9 * part.solid.geom]
         cdef double total = 0.0
@@ -525,11 +525,12 @@ cdef class Clearance:
                 joint = self._link[joint].before
 
     cdef bint c_is_edge_free(self, const double* start, const double* goal) noexcept nogil:
-        """Whether a straight joint motion is free. Spheres decide first; see `lanes.h`.
+        """Whether a straight joint motion is free. The spheres are checked first; see `lanes.h`.
 
-        Most edges that are not free have a hit at one of a few places, which costs least to find without
-        motion. Then the edge is divided into intervals. One that the spheres do not prove is divided further,
-        and where they touch even in its middle, exact distances decide about the pairs in question.
+        Most edges that are not free have a hit at one of a few places. These places are checked first,
+        without motion, because that is cheapest. Then the edge is divided into intervals. An interval that
+        the spheres do not prove free is divided further. If the spheres touch even in its middle, exact
+        distances decide about the pairs in question.
         """
         cdef double at[2][INTERVALS]
         cdef double later[INTERVALS]
@@ -570,7 +571,7 @@ cdef class Clearance:
         if answer.hit:
             self._raise(answer.hit_pair)
             return False
-        self.evaluations -= WEIGHT  # the next look repeats this one
+        self.evaluations -= WEIGHT  # the next check repeats this one
         for generation in range(GENERATIONS):
             side = generation % 2
             self._lists += 1
@@ -634,7 +635,8 @@ cdef class Clearance:
         self, const double* start, const double* rates, const double* at, int count, LaneQuery* query,
         LaneAnswer* answer
     ) noexcept nogil:
-        """The spheres' answer at so many places of an edge. Lanes without a place repeat the last one."""
+        """The result of the spheres at `count` places of an edge. Lanes without a place repeat the last
+        one."""
         cdef double joints[MAX_DOF * MAX_LANES]
         cdef int lane, joint
         cdef double place
@@ -649,8 +651,8 @@ cdef class Clearance:
     cdef void _look_at_rows(
         self, const double* rows, int count, LaneQuery* query, LaneAnswer* answer
     ) noexcept nogil:
-        """The spheres' answer at so many rows of joints, without motion. Lanes without a row repeat the last
-        one."""
+        """The result of the spheres for `count` rows of joints, without motion. Lanes without a row repeat
+        the last one."""
         cdef double joints[MAX_DOF * MAX_LANES]
         cdef float rates[MAX_DOF * MAX_LANES]
         cdef float half[MAX_LANES]
@@ -683,9 +685,9 @@ cdef class Clearance:
         return answer.hit
 
     cdef void _bound_bends(self, const double* rates, const double* stray) noexcept nogil:
-        """For each part and joint, how large the second derivative of a point of it can be along the edge if
-        the joints before this one stand still: the sum of |a| |b| times the reach from the outer joint of
-        each two.
+        """For each part and joint: a bound of the second derivative of any point of the part along the edge
+        if the joints before this one do not move. It is the sum, over pairs of joints, of |a| |b| times the
+        reach from the outer joint.
 
         If half an interval is 0.5, the bound includes eight times the distance that a point moves if each
         joint leaves the straight motion by `stray`.
@@ -774,16 +776,16 @@ cdef class Clearance:
         return out
 
     def sphere_verdicts(self, rows, str instructions="", rates=None, double half=0.0):
-        """What the spheres alone say about each row of joints, shape (n, dof), for tests.
+        """The result of the spheres alone for each row of joints, shape (n, dof), for tests.
 
         Args:
             instructions: "plain", "avx2" or "avx512"; "" for those in use.
             rates, half: shape (dof,), and half of an interval of an edge with these rates around each row.
 
         Returns:
-            Three arrays of shape (n,): a hit is certain; free is not proven; nor is it without the interval.
-            Then the centres of the parts and how far they move, shape (n, parts, 4), m. None if the processor
-            does not have the instructions.
+            Three arrays of shape (n,): whether a hit is certain, whether the row is not proven free, and
+            whether it is not proven free even without the interval. Then the centres of the parts and how far
+            they move, shape (n, parts, 4), m. None if the processor does not have the instructions.
         """
         cdef LaneCheck check
         cdef LaneQuery query
@@ -892,8 +894,8 @@ cdef class Clearance:
     ) noexcept nogil:
         """Mark the pairs of each piece of a motion that the spheres do not prove free, (count, pairs).
 
-        A stretch of a piece is a straight motion, and a bound of its distance from that. A stretch that is
-        open because of its motion is divided by four.
+        A stretch of a piece is represented by a straight motion and a bound of its distance from it. A
+        stretch that is undecided because of its motion is divided into four.
 
         Returns:
             Unless `first`, a piece in which exact distances have found a contact, with the place stored. -1
@@ -992,7 +994,8 @@ cdef class Clearance:
         self._lanes.least = self._lane_least
 
     cdef int _parts_to_start_with(self, const double* control, int degree, int count) noexcept nogil:
-        """How many parts of these pieces are short enough for spheres, but no more than there is room for."""
+        """Number of parts into which each of these pieces is divided, so that the parts are short enough for
+        spheres, within the limits of the memory."""
         cdef double longest = 0.0
         cdef double travel
         cdef int _piece, i
@@ -1029,8 +1032,8 @@ cdef class Clearance:
         self, const double* control, int degree, const Stretch* stretches, int count, int parts,
         LaneQuery* query, LaneAnswer* answer
     ) noexcept nogil:
-        """The spheres' answer about stretches, each one of so many parts of its piece. Lanes without a
-        stretch repeat the last one."""
+        """The result of the spheres for stretches, each of which is one of `parts` equal parts of its piece.
+        Lanes without a stretch repeat the last one."""
         cdef double joints[MAX_DOF * MAX_LANES]
         cdef float rates[MAX_DOF * MAX_LANES]
         cdef double fastest[MAX_DOF]
@@ -1123,8 +1126,8 @@ cdef class Clearance:
         self, const Part* first, const Part* second, double enough_m, double exact_m, double decided_m,
         double* line
     ) noexcept nogil:
-        """As `gap`. A distance of at least `exact_m` may be given too small, but not below `exact_m`.
-        A distance below `decided_m` may be given too large, but not above `decided_m`.
+        """Like `gap`. If the distance is at least `exact_m`, the result may be too small, but not below
+        `exact_m`. If it is below `decided_m`, the result may be too large, but not above `decided_m`.
         """
         if second.solid.kind != CLOUD:
             return gap(self._model, self._data, &first.solid, &second.solid, enough_m, line)
@@ -1176,10 +1179,10 @@ cdef class Clearance:
     def push(self, rows, velocities, double least_m, double width_m):
         """CHOMP's obstacle cost and its gradient (M. Zucker et al., 2013, equations 20 and 21).
 
-        Every pair is a body point with the other geom as its obstacle. With d its distance beyond `least_m`,
-        its cost c(d) is 0 from `width_m` on, then quadratic, and linear from 0 on. The cost is weighted by
-        how fast the pair's distance changes along the path. The curvature term vanishes on nearly straight
-        paths and is left out.
+        Every pair is a body point with the other geom as its obstacle. With d the distance of a pair beyond
+        `least_m`, its cost c(d) is 0 above `width_m`, quadratic between 0 and `width_m`, and linear below 0.
+        The cost is weighted by how fast the pair's distance changes along the path. The curvature term
+        vanishes on nearly straight paths and is left out.
 
         Args:
             rows: the path's points, shape (n, dof).

@@ -146,7 +146,7 @@ cdef class CloudTree:
         return found
 
     cdef bint _is_within(self, int index, const double* boxes, int* near, int count) noexcept nogil:
-        """Whether boxes contain a node. `near` lists those that may, with room for those of deeper nodes."""
+        """Whether boxes contain a node. `near` lists those that may, with space for those of deeper nodes."""
         cdef CloudNode* node = &self.nodes[index]
         cdef int* nearer = near + count
         cdef const double* box
@@ -190,7 +190,7 @@ cdef class CloudTree:
             rows[index, 3] = 1e-9 + sqrt(
                 node.half[0] * node.half[0] + node.half[1] * node.half[1] + node.half[2] * node.half[2]
             )
-            # The depth of the middle, or less than 0: no more than this away there is a cube.
+            # The depth of the middle; if it is negative, a cube is at most this far away.
             rows[index, 4] = 0.5 * self.voxel_m - _apart(node, &self.nodes[node.central]) - 1e-9
             rows[index, 5], rows[index, 6] = end, depth
             ends[depth] = end
@@ -229,13 +229,13 @@ cdef double gap_to_cloud(
     const Solid* second, const Solid* cube, const CloudNode* nodes, double enough_m, double exact_m,
     double decided_m, double* line, int* nearest
 ) noexcept nogil:
-    """As `gap`, with the cubes of a cloud as the second geom.
+    """Like `gap`, with the cubes of a cloud as the second geom.
 
     Args:
-        exact_m: a distance of at least this may be given too small: it is that of the spheres then. So a
-            verdict about this distance needs few exact distances.
-        decided_m: a distance below this may be given too large, but not above `decided_m`: it is that of some
-            cube then. So a verdict does not look for the deepest one.
+        exact_m: if the distance is at least this, the result may be too small, because it is the distance of
+            the spheres. So few exact distances are needed to decide about this distance.
+        decided_m: if the distance is below this, the result may be too large, but not above `decided_m`,
+            because it is the distance of some cube. So the deepest cube need not be found.
         around: the spheres around the first geom in its own frame; not used for a capsule.
         cube: the geom with the size of a cube, which is left at the last cube that was looked at.
         line, nearest: need an exact distance. The nearest cube is given as a node; -1: none is nearer than
@@ -409,8 +409,8 @@ cdef double _from_spheres(
     const Sphere* around, int spheres, const double* off, const double* relative, const double* half,
     double best
 ) noexcept nogil:
-    """The distance of the spheres around a geom from a box, at most `best`. Where they overlap it says
-    nothing about the depth, because the whole may be deeper than its parts: with a negative `best` it is no
+    """The distance of the spheres around a geom from a box, at most `best`. If they overlap, it says nothing
+    about the depth, because the whole may be deeper than its parts: with a negative `best` it is not a
     bound."""
     cdef const Sphere* sphere
     cdef double x, y, z, square, reach

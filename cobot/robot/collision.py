@@ -69,7 +69,7 @@ class CollisionChecker:
     parent and child.
 
     Attributes:
-        margin_m: a smaller distance counts as a collision.
+        margin_m: a smaller distance is treated as a collision.
         clearance: computes the distances, and requires the margin.
         scene: the objects around the arm that are not in its model.
         tool: the tool on the flange, with its shapes.

@@ -3,7 +3,7 @@
 from cobot.robot.mujoco cimport mjData, mjModel
 
 
-# The place of a body in the frame of the last joint that moves it; -1: it stands.
+# The place of a body in the frame of the last joint that moves it; -1: it is fixed.
 cdef struct Frame:
     int joint
     double turn[9]

@@ -231,7 +231,7 @@ cdef class Dynamics:
     cdef void c_bias_torques(
         self, const double* joints, const double* velocity, double* torques
     ) noexcept nogil:
-        """The torques for motion without acceleration: gravity, Coriolis and centrifugal forces."""
+        """The torques for a motion without acceleration: gravity, Coriolis and centrifugal forces."""
         memcpy(self._data.qpos, joints, self._dof * sizeof(double))
         memcpy(self._data.qvel, velocity, self._dof * sizeof(double))
         mj_kinematics(self._model, self._data)
@@ -279,7 +279,7 @@ cdef class Dynamics:
         return full
 
     def bias_torques(self, joints, velocity):
-        """The torques for motion without acceleration, shape (dof,), N·m, without friction."""
+        """The torques for a motion without acceleration, shape (dof,), N·m, without friction."""
         self._joints[...] = joints
         self._velocity[...] = velocity
         torques = np.zeros(self._dof)

@@ -20,7 +20,7 @@ VELOCITY_OF = "max_velocity "
 name follows.
 """
 TOLERANCE = 1e-4
-"""Relative difference below which values count as equal, because MuJoCo writes six digits."""
+"""Relative difference below which values are considered equal, because MuJoCo writes six digits."""
 
 
 def check_velocities(file: Path, mj: mujoco.MjModel, limits: JointLimits) -> None:

@@ -98,7 +98,9 @@ class NearestParts:
         return _point(first), _point(second)
 
     def _find_changing(self) -> npt.NDArray[np.bool_]:
-        """Whether the distance of each pair depends on the joints: on those that move only one of both."""
+        """Whether the distance of each pair depends on the joints: on those that move only one of its two
+        parts.
+        """
         mj, pairs = self._checker.mj, self._checker.pairs
         joints_of = [self._joints_of(body) for body in range(mj.nbody)]
         joints_of_geom = [joints_of[body] for body in mj.geom_bodyid.tolist()]

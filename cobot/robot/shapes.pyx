@@ -64,8 +64,8 @@ cdef double far_bound(const mjData* data, const Solid* first, const Solid* secon
 cdef double gap(
     const mjModel* model, mjData* data, const Solid* first, const Solid* second, double enough_m, double* line
 ) noexcept nogil:
-    """The distance of two geoms, m; negative if they overlap. For a distance above `enough_m`, any value from
-    `enough_m` on may be returned. In the order of `Kind` the first geom must not come after the second.
+    """The distance of two geoms, m; negative if they overlap. For a distance above `enough_m`, any value of
+    at least `enough_m` may be returned. In the order of `Kind` the first geom must not come after the second.
     """
     cdef const double* middle = &data.geom_xpos[3 * first.geom]
     cdef const double* turn = &data.geom_xmat[9 * first.geom]

@@ -27,7 +27,7 @@ MAX_CORNERS = 2_000
 AT_ONCE = 200_000
 """Number of pairs of a triangle and a cell that are tested together."""
 FLAT = 1e-6
-"""A part counts as convex if no corner is outside a face by more than this share of the part's size."""
+"""A part is considered convex if no corner is outside a face by more than this share of the part's size."""
 
 
 def parts(

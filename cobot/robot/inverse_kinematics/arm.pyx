@@ -38,7 +38,7 @@ cdef extern from *:
     static const double COBOT_IK_MIN_SLOP = 2e-11;
     /* A joint at a limit that has moved by less than this, rad or m, was at the limit before. */
     static const double COBOT_IK_MOVED = 1e-9;
-    /* An arm that cannot move its TCP in all six directions counts as at a pose within 0.05 mm and 0.01
+    /* An arm that cannot move its TCP in all six directions is at a pose if it is within 0.05 mm and 0.01
        degrees, the tolerance of lin; the rest is rounding of these two. */
     static const double COBOT_IK_NEAR_M = 5.0000001e-5, COBOT_IK_NEAR_RAD = 1.74532929e-4;
     """
@@ -74,8 +74,8 @@ cdef class Arm:
     Attributes:
         chain: the arm.
         dof: the number of joints.
-        lacking: whether the arm cannot move its TCP in all six directions. Then it counts as at a pose within
-            the tolerance of lin.
+        lacking: whether the arm cannot move its TCP in all six directions. Then it is considered to be at a
+            pose within the tolerance of lin.
         redundant: whether the arm has more joints than a pose fixes.
     """
 
@@ -90,7 +90,7 @@ cdef class Arm:
                 it.
             slop: error of the geometry that a subclass assumes, m or rad.
             free: the axis of the TCP, 0 to 2, about which a pose leaves the rotation free; ANY_ROTATION: only
-                the position counts.
+                the position matters.
             lacking: whether the arm cannot move its TCP in all six directions, so that it only gets near most
                 poses.
         """
@@ -582,7 +582,8 @@ cdef class Arm:
         return rows[:row]
 
     def gap(self, pose):
-        """Distance of a pose from the arm's reach in this orientation, m. Not all joint limits count."""
+        """Distance of a pose from the arm's reach in this orientation, m. Not all joint limits are
+        considered."""
         cdef Problem problem
         self._prepare(pose, self._low, NEAREST, &problem)
         return self.c_gap(&problem)

@@ -16,8 +16,8 @@ from cobot.types import FREE_AXES, Array, FreeAxis, JointLimits
 
 POSE_DOF, POSTURES, NONE_FREE = 6, 4, -1
 MAX_SLOP = 1e-4
-"""Axes count as meeting if their distance is less than this, m, and as parallel if their angle is less than
-this, rad, because files are rounded. Solutions stay exact, because a few numeric steps refine the closed
+"""Axes are treated as meeting if their distance is less than this, m, and as parallel if their angle is less
+than this, rad, because files are rounded. Solutions stay exact, because a few numeric steps refine the closed
 form.
 """
 

@@ -24,8 +24,8 @@ FIRST_STEPS, KEPT = 40, 3
 """Number of steps after which most of these descents end, and number of the best ones, which continue."""
 TURN_RAD = 2.0 * np.pi
 NEAR_M, NEAR_RAD = 5e-5, float(np.radians(0.01))
-"""Tolerance for an arm that cannot move its TCP in all six directions: within it, the arm counts as being at
-the pose.
+"""Tolerance for an arm that cannot move its TCP in all six directions: within it, the arm is considered to be
+at the pose.
 """
 POSE_DOF = 6
 ROUNDING = 1e-6
@@ -47,7 +47,7 @@ class Descent:
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """The reason why no joints lead to a pose.
+    """The reason why no joint angles reach a pose.
 
     Attributes:
         says: the reason as a clause of a sentence.
@@ -121,8 +121,8 @@ def freer(free: tuple[FreeAxis, ...]) -> Iterator[tuple[FreeAxis, ...]]:
 def cause_of(
     model: RobotModel, pose: Pose, near: Array, free: tuple[FreeAxis, ...] = (), share: float = 1.0
 ) -> Cause:
-    """The reason why no joints lead to a pose. `near` is the result of the descent that came nearest to the
-    pose.
+    """The reason why no joint angles reach a pose. `near` is the result of the descent that came nearest to
+    the pose.
 
     Args:
         share: place of the pose in a motion.
@@ -134,7 +134,7 @@ def cause_of(
     return (
         _limit(model, pose, near, free, share)
         or _missing_joint(model, pose, near, free)
-        or Cause("no joint angles within the limits lead there")
+        or Cause("no joint angles within the limits reach it")
     )
 
 
@@ -171,7 +171,7 @@ def _missing_joint(model: RobotModel, pose: Pose, near: Array, free: tuple[FreeA
         few = f"it has {NUMBERS[dof]} joint{'s' if dof > 1 else ''}"
     axes = freed(model, pose, near, free)
     if axes is None:
-        return Cause(f"this arm reaches this position in no orientation: {few}")
+        return Cause(f"this arm cannot reach this position in any orientation: {few}")
     named = ", ".join(f'"{axis}"' for axis in axes)
     if len(axes) > 1:
         return Cause(
@@ -188,7 +188,7 @@ def _missing_joint(model: RobotModel, pose: Pose, near: Array, free: tuple[FreeA
 def out_of_reach(
     model: RobotModel, pose: Pose, seed: Array, random_seed: int, free: tuple[FreeAxis, ...] = ()
 ) -> UnreachableError:
-    """The error for a pose that no joints lead to. It reports the reason and the smallest distance of the
+    """The error for a pose that no joint angles reach. It reports the reason and the smallest distance of the
     TCP.
     """
     x, y, z = pose.position

@@ -755,7 +755,7 @@ cdef class SrsArm(Arm):
     def intervals(self, pose, int branch):
         """The feasible arm angles within the joint limits: rows of begin and end, rad, shape (n, 2).
 
-        Begins are from -π to π, ends up to a full turn later.
+        The begins are from -π to π, the ends up to a full turn later.
         """
         cdef Problem problem
         cdef Candidate found[MAX_CANDIDATES]
@@ -819,11 +819,11 @@ cdef class SrsArm(Arm):
                         set_nan(joints)
 
     def leading_on(self, poses, angles, start, int branch, int window, double step_rad):
-        """Those joints of `grid` in one branch, shape (n, m, 7), to which a way leads from `start`, shape
-        (7,); NaN elsewhere. They are those of the closed form, without the descent that makes them exact.
+        """The joints of `grid` in one branch, shape (n, m, 7), that can be reached from `start`, shape (7,);
+        NaN elsewhere. They are the solutions of the closed form, without the descent that makes them exact.
 
-        Along a way no joint turns further than `step_rad` from pose to pose, and from the second pose on the
-        index of the arm angle changes by at most `window`; the last angle is next to the first.
+        No joint turns further than `step_rad` from pose to pose, and from the second pose on the index of the
+        arm angle changes by at most `window`; the last angle is next to the first.
         """
         rows = np.array(poses, dtype=np.float64).reshape(-1, 7)
         columns = np.array(angles, dtype=np.float64).reshape(-1)
@@ -849,7 +849,7 @@ cdef class SrsArm(Arm):
         self, const double* poses, Py_ssize_t n, const double* angles, Py_ssize_t m, const double* start,
         int branch, int window, double step_rad, char* near, double* out
     ) noexcept nogil:
-        """`near` has, for each arm angle, whether the row before has joints within the window."""
+        """`near` contains, for each arm angle, whether the row before has joints within the window."""
         cdef Problem problem
         cdef Elbow elbow
         cdef double* joints
@@ -993,7 +993,7 @@ cdef inline double width(const Places* places, int segment) noexcept nogil:
 
 
 cdef inline double begin_of(const Places* places, int segment) noexcept nogil:
-    """The begin of a segment. Numbers beyond the last segment continue with a full turn added."""
+    """The beginning of a segment. Numbers beyond the last segment continue with a full turn added."""
     if segment < places.count:
         return places.begins[segment]
     return places.begins[segment - places.count] + TURN
@@ -1025,7 +1025,7 @@ cdef inline int racing(const Turned* one, const Turned* other) noexcept nogil:
 
 cdef double bound_of(double cost, const double* joints, int i, int length) noexcept nogil:
     """A lower bound of the cost between the neighbours of a segment. A neighbour to which joints turn far
-    does not count: it is too far from the seed, or the segment would have been divided.
+    is ignored: it is too far from the seed, or the segment would have been divided.
     """
     cdef double farthest = 0.0
     cdef double sum, off, largest

@@ -105,8 +105,8 @@ cdef inline void turn_about(const double* axis, double angle, double* out) noexc
 cdef inline double angle_about(const double* axis, const double* start, const double* end) noexcept nogil:
     """The angle by which `start` must be turned about the axis to come as near as possible to the direction
     `end`."""
-    # The parts at right angles to the axis are calculated first. They are all that counts for directions
-    # close to the axis.
+    # The parts at right angles to the axis are calculated first. For directions close to the axis, only these
+    # parts matter.
     cdef double across[3]
     cdef double one[3]
     cdef double two[3]

@@ -113,7 +113,8 @@ def test_a_new_package_keeps_the_contract(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize(
-    ("name", "words"), [("Claw", "small letters"), ("robotiq", "is taken"), ("class", "reserved by Python")]
+    ("name", "words"),
+    [("Claw", "lowercase letters"), ("robotiq", "is taken"), ("class", "reserved by Python")],
 )
 def test_a_name_that_cannot_be_used_is_an_error(
     name: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
