@@ -1,10 +1,10 @@
 """Planners: pure functions from a robot and a request to a `Trajectory`.
 
-Planners do not fall back to each other: what a planner cannot do is an error. Only auto tries several
-planners; the trajectory's note names the chosen one and the reason.
+Planners do not fall back to each other: a planner that cannot fulfil a request raises an error. Only auto
+tries several planners; the trajectory's note names the chosen one and the reason.
 
-OMPL and scipy are imported only when used, because importing them takes a long time. A planning process then
-starts in half the time, and ptp, the most frequent planner, needs neither.
+OMPL and scipy are imported only when used, because importing them takes half of the start time of a planning
+process, and ptp, the most frequent planner, needs neither.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def _choose(robot: RobotDescription, request: MotionRequest, goals: Array) -> Tr
     try:
         trajectory = validated(robot, request, plan_ptp(robot, request, goals[0]))
         taken = Notice("auto", {"planner": PlannerName.PTP.value})
-        return replace(trajectory, note="auto took ptp: the direct joint motion is free", notices=(taken,))
+        return replace(trajectory, note="auto used ptp: the direct joint motion is free", notices=(taken,))
     except PlanningError as exc:
         straight = exc
     try:
@@ -142,7 +142,7 @@ def _choose(robot: RobotDescription, request: MotionRequest, goals: Array) -> Tr
         message = f"auto found no motion: ptp: {straight}; {exc}"
         raise type(exc)(message, findings=straight.findings + exc.findings) from exc
     taken = Notice("auto", {"planner": PlannerName.OMPL.value})
-    note = f"auto took ompl ({request.algorithm}): ptp: {straight}"
+    note = f"auto used ompl ({request.algorithm}): ptp: {straight}"
     return replace(trajectory, note=note, notices=(taken,))
 
 

@@ -1,7 +1,7 @@
 """The part of its effort limit that a planned motion leaves to each drive.
 
 A drive at its limit cannot correct its position. docs/planning.md, "Effort reserve", explains these shares.
-Trajectories that clients send with times of their own may use the whole limit.
+Trajectories that clients send with their own times may use the whole limit.
 """
 
 from __future__ import annotations

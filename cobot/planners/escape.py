@@ -172,7 +172,7 @@ def _note(robot: RobotDescription, start: Array, inside: Array, exit_joints: Arr
     way = exit_joints - start
     joint = int(np.abs(way).argmax())
     return (
-        f"{' and '.join(reasons)}; the motion leaves this first by the shortest way, "
+        f"{' and '.join(reasons)}; the motion first takes the shortest way out, "
         f"{np.linalg.norm(way):.4f} {limits.units}, {limits.names[joint]} by {way[joint]:+.4f} "
         f"{limits.unit(joint)}"
     )

@@ -46,7 +46,7 @@ class Idea:
     """A change of the request that may make it work.
 
     Attributes:
-        first: whether the arm must first go to a different start; the idea counts only if it can go there.
+        first: whether the arm must first go to a different start; the idea is used only if it can go there.
         problem: why the idea will not work, if that is already known.
     """
 
@@ -59,10 +59,10 @@ class Idea:
 def explain(
     robot: RobotDescription, request: MotionRequest, error: CobotError, budget_s: float
 ) -> Explanation:
-    """Find changes of the request that make a motion possible that failed with `error`.
+    """Find changes of the request with which a motion that failed with `error` becomes possible.
 
     Args:
-        budget_s: no idea is begun after this time; the current one is completed.
+        budget_s: no idea is started after this time; the current one is completed.
     """
     begun_s = time.monotonic()
     works: dict[Kind, Remedy] = {}
@@ -222,7 +222,7 @@ def _other_starts(robot: RobotDescription, request: MotionRequest) -> Iterator[I
 def _fitting(
     robot: RobotDescription, request: MotionRequest, starts: list[Array]
 ) -> Iterator[tuple[Array, CobotError | None]]:
-    """For a line: the starts from which the joints probably lead along it. If there are none: all starts,
+    """For a line: the starts from which the joints can probably follow it. If there are none: all starts,
     with the reason why the nearest one fails. For other motions: all starts.
     """
     unfit = []
@@ -255,10 +255,10 @@ def _other_goals(robot: RobotDescription, request: MotionRequest) -> Iterator[Id
     """
     for goal, says in _near_goals(robot, request):
         if request.traits.way is not Way.PATH:
-            yield Idea({"goal": goal}, f"to the nearest goal that is possible, {says}")
+            yield Idea({"goal": goal}, f"to the nearest possible goal, {says}")
         if request.traits.way is not Way.SEARCH:
             change = {"goal": goal, **_searching(request, PlannerName.AUTO)}
-            yield Idea(change, f"to the nearest goal that is possible, {says}, with planner auto")
+            yield Idea(change, f"to the nearest possible goal, {says}, with planner auto")
 
 
 def _near_goals(robot: RobotDescription, request: MotionRequest) -> Iterator[tuple[Array | Pose, str]]:

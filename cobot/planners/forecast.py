@@ -18,7 +18,7 @@ from cobot.types import Array
 
 DISTANCE_SAMPLES = 200
 TOUCH_M = 1e-3
-"""Maximum distance that is computed for a simulated run. It is small because only contacts count."""
+"""Maximum distance that is computed for a simulated run. It is small because only contacts matter."""
 
 
 def forecast(robot: RobotDescription, request: MotionRequest, samples: int) -> Forecast:

@@ -25,7 +25,7 @@ def joint_goals(robot: RobotDescription, request: MotionRequest) -> Array:
 
     Raises:
         LimitError: joint angles beyond the limits.
-        UnreachableError: no joint angles lead to the pose.
+        UnreachableError: no joint angles reach the pose.
         CollisionError: all goals are in collision; the message names what the arm touches at the nearest one.
     """
     goal = request.goal

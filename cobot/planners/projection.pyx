@@ -116,7 +116,7 @@ cdef class Projection:
     cdef int _violations(
         self, const double* joints, double inside, double* rows, double* missing
     ) noexcept nogil:
-        """The number of constraints that are not kept, with (1) or without (0) their margin; of each the
+        """The number of constraints that are not kept, with (1) or without (0) their margin; for each, the
         gradient by the joints and the required change."""
         cdef double pose[7]
         cdef double turn[9]

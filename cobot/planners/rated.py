@@ -1,6 +1,6 @@
 """Motions whose velocity and acceleration are given in units, not as shares of the limits.
 
-The robot's limits apply too: for each joint the lower limit counts.
+The robot's limits apply too: for each joint, the lower limit applies.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ cdef double STILL = 1e-12  # A coordinate with a smaller share does not bound th
 # MAX_FACTOR times longer, but no cell is longer than the distance between two places of the path.
 cdef double DENSE = 3.0
 cdef double MAX_FACTOR = 10.0
-# Largest change of this factor over the duration of a shortest cell. Means of so many values then make it
+# Largest change of this factor over the duration of a shortest cell. Averages over MEAN values then make it
 # smooth, because a jump in the durations of cells would be a jerk at the first rate. This jerk is a larger
 # share of its limit if a full acceleration takes longer to reach the speed. If that takes more than `GENTLE`
 # times as long as the acceleration takes to build up, durations change more slowly, by up to `MAX_GENTLER`.

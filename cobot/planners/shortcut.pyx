@@ -61,7 +61,7 @@ def draw_in(Clearance clearance, corners, double end_s=INFINITY):
 
 
 cdef _open(Clearance clearance, corners, double end_s, Way* way):
-    """Fill in a path with these corners and room for more. Returns the arrays that it points to."""
+    """Fill in a path with these corners and space for more. Returns the arrays that it points to."""
     cdef int dof = clearance.dof
     given = np.array(corners, dtype=np.float64).reshape(-1, dof)
     room = np.zeros((len(given) + TRIALS + 2, dof))

@@ -92,7 +92,7 @@ def _settle(folder: Path) -> None:
 
 
 def size_of(folder: Path) -> int:
-    """Total size of all files in a folder, in bytes. Files that disappear while it is computed are ignored."""
+    """Total size of all files in a folder, in bytes. Files that disappear meanwhile are ignored."""
     found = 0
     for path in folder.rglob("*"):
         with contextlib.suppress(OSError):

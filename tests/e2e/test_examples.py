@@ -124,7 +124,7 @@ def test_what_stands_in_the_way_is_gone_around(shared: Run, clone: Path) -> None
     (command,) = commands("scene.py")
     said = output(clone, command, shared)
     assert "'version': " in said
-    assert "auto took ompl (RRTConnect): ptp: collision of" in said
+    assert "auto used ompl (RRTConnect): ptp: collision of" in said
     assert "post" in said.splitlines()[-1]
 
 

@@ -161,7 +161,7 @@ def test_auto_says_what_it_took_and_the_others_say_nothing(
 ) -> None:
     answer = http.post(path, json={**body, "speed": 0.8, "planner": "Auto"}).json()
     assert answer["success"], answer
-    assert answer["note"] == "auto took ptp: the direct joint motion is free"
+    assert answer["note"] == "auto used ptp: the direct joint motion is free"
     back = http.post("/robot/move/joints", json={"joints": HOME, "speed": 0.8, "planner": "ompl"}).json()
     assert back["success"], back
     assert back["note"] == ""

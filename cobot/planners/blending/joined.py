@@ -41,7 +41,7 @@ the remaining part.
 """
 SAMPLES = 400
 MIN_RADIUS_M = 1e-6
-"""Minimum blend radius, m. A smaller radius counts as 0, because no arm is that accurate, and rounding
+"""Minimum blend radius, m. A smaller radius is treated as 0, because no arm is that accurate, and rounding
 would determine the blend.
 """
 TOLD = 0.9

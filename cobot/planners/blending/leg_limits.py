@@ -29,7 +29,7 @@ def rates(robot: RobotDescription, leg: Leg) -> Array:
 
 
 def largest_rates(robot: RobotDescription, legs: Sequence[Leg]) -> Array:
-    """The largest value of each limit. For the TCP, only motions with limits of the TCP count."""
+    """The largest value of each limit. For the TCP, only motions with TCP limits are considered."""
     largest = np.max([rates(robot, leg) for leg in legs], axis=0)
     with_tcp = [rates(robot, leg) for leg in legs if leg.tcp is not None]
     if with_tcp:

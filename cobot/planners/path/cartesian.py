@@ -227,7 +227,7 @@ def _require_reach(robot: RobotDescription, path: TcpPath, start: Array) -> None
     joint = int(np.abs(joints - start).argmax())
     name = robot.limits.names[joint]
     raise UnreachableError(
-        f"{path.name}: at {100 * end:.0f} % of the path the TCP cannot go on: the goal is out of reach by "
+        f"{path.name}: at {100 * end:.0f} % of the path the TCP cannot continue: the goal is out of reach by "
         f"{gap:.3g} m, with {moving(robot.limits, joint)} most, to {joints[joint]:.3f} "
         f"{robot.limits.unit(joint)}",
         findings=[Finding("reach", "distance beyond the reach", float(gap), 0.0, "m", float(end), (name,))],

@@ -22,7 +22,7 @@ plane. The path compensates for both evenly.
 """
 PLACE_RAD, MAX_PLACES = 0.2, 400
 MIN_SINE = 1e-3
-"""If the sine of the angle at `via` is smaller, the three points count as collinear."""
+"""If the sine of the angle at `via` is smaller, the three points are considered collinear."""
 
 
 def plan_circ(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:

@@ -31,7 +31,7 @@ STEP_RAD = 0.4
 them.
 """
 SAME_RAD = 1e-6
-"""Joint positions that differ by less than this, rad, count as equal."""
+"""Joint positions that differ by less than this, rad, are considered equal."""
 STEPS = 60
 """Maximum number of steps of a descent from one place to the next."""
 
@@ -221,7 +221,7 @@ def _failure(
     at = f" after {100 * next_share:.0f} %" if robot.model.inverse_kinematics.lacking else ""
     away = f"{apart(distance_m, angle)} away{at}{allowed(robot.model)}"
     return UnreachableError(
-        f"{place} the TCP cannot go on: {cause.says}; it stays {away}, with {moving(limits, joint)} most, to "
+        f"{place} the TCP cannot continue: {cause.says}; it stays {away}, with {moving(limits, joint)} most, to "
         f"{joints[joint]:.3f} {limits.unit(joint)}",
         findings=[
             *([] if cause.finding is None else [cause.finding]),

@@ -34,7 +34,7 @@ path's beginning in the first interval, and from its end in the last one.
 EVEN_STEP_RAD = 0.25
 """If the joints turn further than this between even places, the parameter is the joints' distance instead."""
 EVEN_SHARE = 1e-9
-"""Maximum difference between the steps of places that count as even, as a share of the path."""
+"""Maximum difference between the steps of evenly spaced places, as a share of the path."""
 MAX_STEP_RAD = 0.12
 THIN = 0.4
 """Minimum distance between places, as a share of their mean distance or of `MAX_STEP_RAD`."""

@@ -34,7 +34,7 @@ STEP_RAD = 0.3
 PLACE_M, PLACE_RAD, MAX_PLACES = 0.015, 0.1, 200
 INSIDE_RAD = 8e-3
 """Distance that the path keeps from joint limits, rad or m, unless the start is nearer to a limit. The
-splines between places need this room; they need less room if places are closer together.
+splines between places need this margin, or less if places are closer together.
 """
 STEPS = 30
 SMOOTHINGS = (60, 15, 4)

@@ -23,7 +23,7 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, Pose
 
 METRES_PER_RAD = 0.3
-"""Length that a rotation by 1 rad counts as, where a leg needs one length."""
+"""Length that is equivalent to a rotation by 1 rad, where a leg needs a single length."""
 PLACES_PER_CORNER = 12
 MAX_PLACES = 400
 MAX_SHARE = 0.5

@@ -160,7 +160,7 @@ class RedundancyGraph:
             angles = self._cheapest(branch, free)
             if angles is not None:
                 corridor = self._corridor(angles[1:], branch, free)
-                if self._end is not None:  # the last node stands for the end itself
+                if self._end is not None:  # the last node represents the end itself
                     angles[-1] += (self._end[0] - angles[-1] + np.pi) % (2.0 * np.pi) - np.pi
                 for smoothness in SMOOTHNESS:
                     curve = _smooth_within(angles, corridor, smoothness, self._end is not None)
@@ -191,7 +191,7 @@ class RedundancyGraph:
                 rows[-1, round((angle + np.pi) / step) % len(self._angles)] = end
 
     def _corridor(self, angles: Array, branch: int, free: bool) -> Array:
-        """The lowest and the highest arm angle at each place, shape (2, n), All nodes between the given angle
+        """The lowest and the highest arm angle at each place, shape (2, n). All nodes between the given angle
         and these two angles are valid.
         """
         good = np.isfinite(self._costs(branch))

@@ -37,11 +37,11 @@ CLEARANCE_M = 0.04
 """ε of the paper's equation 21: obstacles push within this distance."""
 SPARE_M = 1e-3
 """Clearance that the path keeps in addition to the margin, m, if both its ends have it. The spline through
-the path needs this room.
+the path needs this margin.
 """
 PUSHED_M = 3e-3
 """Distance beyond the required clearance, m, below which the push has its full strength. The path between two
-points needs this room.
+points needs this distance.
 """
 SMOOTHNESS_WEIGHT = 0.05
 STEP_RAD = 0.03

@@ -132,7 +132,7 @@ def _go_directly(robot: RobotDescription, request: MotionRequest, state: Improvi
             break
         motion = plan_ptp(robot, request, state.goals[index])
         taken = Notice("auto", {"planner": PlannerName.PTP.value})
-        note = "auto took ptp: the direct joint motion is free"
+        note = "auto used ptp: the direct joint motion is free"
         try:
             return _accept(robot, request, state, replace(motion, note=note, notices=(taken,)))
         except CobotError:

@@ -103,8 +103,8 @@ def _search(
     attempts: int = 0,
     share: float = 1.0,
 ) -> Array | None:
-    """The corners of a polyline that keeps this distance; None if the request's time, or for RRTConnect the
-    number of attempts, or for another algorithm the share of the time, ends before one is found.
+    """The corners of a polyline that keeps this distance; None if none is found within the request's time
+    (for RRTConnect also within the number of attempts, for other algorithms within the share of the time).
     """
     end_s = time.monotonic() + request.timeout_s
     with robot.collision.keeping(distance_m) as clearance:
@@ -138,7 +138,7 @@ def _connect(
         return None
     away = np.linalg.norm(goals - start, axis=1)
     direct_rad, best = float(away.min()), shorten(clearance, found, seed, deadline_s)
-    paths, begun = [best], clearance.evaluations  # the work for the first path does not count
+    paths, begun = [best], clearance.evaluations  # the work for the first path is not counted
 
     def is_enough() -> bool:
         return len(best) == 2 or length(best) <= DIRECT * direct_rad

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 DEGREE = ORDER - 1
 SWUNG = 1.0
-"""If a control point of a piece is outside the limits by this angle, rad, the piece counts as outside, and
-its extrema are not computed.
+"""If a control point of a piece is outside the limits by this angle, rad, the piece is considered outside,
+and its extrema are not computed.
 """
 POINTS_ALONG = 200
 """Number of points of a trajectory through which its path is computed."""

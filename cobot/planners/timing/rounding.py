@@ -23,9 +23,9 @@ large. With more decimals, there is nothing to correct.
 """
 MIN_POINTS = 100
 MAX_STEP_S = 0.02
-"""Maximum time step for which points count as samples of a curve and are smoothed, s."""
+"""Maximum time step for which points are treated as samples of a curve and are smoothed, s."""
 UNEVEN = 0.01
-"""Time steps between points count as equal if they differ by at most this share."""
+"""Time steps between points are considered equal if they differ by at most this share."""
 WINDOWS = (24.0, 16.0, 12.0, 8.0, 6.0, 5.0, 4.0, 3.0, 2.0)
 """Numbers of points over which the curve is smoothed. The largest number that keeps the curve within the
 rounding is used.

@@ -100,9 +100,9 @@ def time_optimal(
 
     The joint limits apply, the TCP limits if they are given, and the effort limits of the drives with the
     model's load. At most `PLANNED_ACCELERATION` of the robot's acceleration limits is used, even if `limits`
-    are higher. The share of the effort limits is defined in `cobot.planners.effort_reserve`. Efforts take
-    part in the optimisation only if the motion without them needs more than `PLANNED_EFFORT`. `zones` are
-    parts of the path with lower limits.
+    are higher. The share of the effort limits is defined in `cobot.planners.effort_reserve`. Efforts are
+    included in the optimisation only if the motion computed without them needs more than `PLANNED_EFFORT`.
+    `zones` are parts of the path with lower limits.
 
     Raises:
         PlanningError: the efforts do not suffice to hold the arm somewhere on the path, or the limits are too

@@ -2,8 +2,8 @@
 can follow.
 
 The motions of planners that limit only velocity and acceleration have jumps in acceleration; files contain
-rounded numbers. Both mean deviations of milliradians, but unbounded jerk. Slowing the whole motion down until
-the jerk limit holds would multiply its duration. Instead the motion may deviate from the curve within a
+rounded numbers. Both cause deviations of only milliradians, but unbounded jerk. Slowing the whole motion down
+until the jerk limit holds would multiply its duration. Instead the motion may deviate from the curve within a
 corridor and is slower only where necessary. First moving averages are tried: they are cheap and keep every
 bound that the points keep. Then `jerk_fit` runs in rounds; after each, the curve's time is slowed down where
 a bound is still exceeded.

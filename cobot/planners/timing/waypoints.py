@@ -30,7 +30,7 @@ from cobot.types import Array, JointLimits, PlannerName
 __all__ = ["plan_waypoints", "through"]
 
 UNASKED_STRETCH = 1.05
-"""A motion may take at most this factor longer than its points specify, without the client's permission."""
+"""Without the client's permission, a motion may take at most this factor longer than its points specify."""
 ASIDE = 0.1
 """Share of the delay at each end that is left out when the slow interval is reported."""
 FEW = 5_000
@@ -40,10 +40,10 @@ FEW = 5_000
 def plan_waypoints(robot: RobotDescription, request: WaypointRequest) -> Trajectory:
     """Plan and validate a motion. Its `note` and `changes` report deviations from the points.
 
-    If the points exceed the rate limits, three remedies are tried in this order. Their rounding is removed,
-    see `rounding`. The motion deviates within the request's corridor, see `timed_fit`. Without a corridor,
-    the whole motion is slowed down evenly. If it then exceeds the drives' efforts, with the load, it is
-    slowed down evenly too.
+    If the points exceed the rate limits, their rounding is removed first, see `rounding`. If that is not
+    enough, the motion deviates within the request's corridor, see `timed_fit`; without a corridor, the whole
+    motion is slowed down evenly if the request permits this. If the motion then exceeds the drives' efforts,
+    with the load, it is slowed down evenly too.
 
     Raises:
         InputError: the points do not define a motion; see `through`.

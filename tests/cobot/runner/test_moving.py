@@ -38,7 +38,7 @@ def test_every_planner_of_the_api_moves_the_arm_in_a_sequence(service: VirtualSe
     expected = np.array([corner, corner, top, top + np.array([0.0, 0.0, 0.05])])
     np.testing.assert_allclose(places[1:], expected, atol=2e-3)
     assert notes[0] == ""  # it is there already
-    assert notes[1].startswith("auto took ptp")
+    assert notes[1].startswith("auto used ptp")
 
 
 @pytest.mark.parametrize(

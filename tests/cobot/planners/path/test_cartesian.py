@@ -179,7 +179,7 @@ def test_lin_out_of_reach_says_at_what_percentage_and_which_joint(robot: RobotDe
     across = np.array([0.5, 0.0, 0.0])
     with pytest.raises(UnreachableError) as caught:
         planned(robot, joints, moved(start, across, np.zeros(3)))
-    pattern = r"lin: at (\d+) % of the path the TCP cannot go on: .*with (joint\d) turning"
+    pattern = r"lin: at (\d+) % of the path the TCP cannot continue: .*with (joint\d) turning"
     found = re.match(pattern, str(caught.value))
     assert found, caught.value
     assert found[2] == "joint4"

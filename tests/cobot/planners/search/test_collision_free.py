@@ -116,7 +116,7 @@ def test_a_start_in_collision_is_left_without_getting_deeper_and_the_plan_says_h
 ) -> None:
     motion = planned(robot, planner, start, home(robot))
     assert "the start is in collision: " in motion.note
-    assert "the motion leaves this first by the shortest way, 0." in motion.note
+    assert "the motion first takes the shortest way out, 0." in motion.note
     assert "left_start" in [each.kind for each in motion.notices]
     depths = World(robot).along(motion)
     out = int(np.argmax(depths == 0.0))
@@ -145,7 +145,9 @@ def test_a_start_beyond_a_limit_is_left_the_straight_way_and_the_plan_says_so(
     start = home(robot)
     start[3] = robot.limits.min_position[3] - 0.012
     motion = planned(robot, planner, start, home(robot))
-    assert motion.note.startswith("joint4 is 0.0120 rad beyond its limit; the motion leaves this first")
+    assert motion.note.startswith(
+        "joint4 is 0.0120 rad beyond its limit; the motion first takes the shortest way out"
+    )
     beyond = robot.limits.min_position[3] - motion.sample(np.linspace(0.0, motion.duration_s, 500))[:, 3]
     assert beyond.max() <= 0.012 + 1e-9
 
@@ -161,7 +163,7 @@ def test_a_start_that_no_short_motion_frees_is_refused_with_what_it_touches(robo
 def test_auto_goes_straight_where_that_is_free_and_says_so(robot: RobotDescription) -> None:
     goal = home(robot) + 0.2
     motion = planned(robot, "auto", home(robot), goal)
-    assert motion.note == "auto took ptp: the direct joint motion is free"
+    assert motion.note == "auto used ptp: the direct joint motion is free"
     assert motion.notices == (Notice("auto", {"planner": "ptp"}),)
     assert np.array_equal(motion.coefficients, planned(robot, "ptp", home(robot), goal).coefficients)
 
@@ -170,7 +172,7 @@ def test_auto_says_why_it_did_not_go_straight(robot: RobotDescription) -> None:
     problem = next(scenes.problems(robot, "table", 1, SEED))
     motion = planned(problem.robot, "auto", problem.start, problem.goal)
     assert motion.notices == (Notice("auto", {"planner": "ompl"}),)
-    assert motion.note.startswith("auto took ompl (RRTConnect): ptp: collision of link")
+    assert motion.note.startswith("auto used ompl (RRTConnect): ptp: collision of link")
     with pytest.raises(CollisionError):
         planned(problem.robot, "ptp", problem.start, problem.goal)
 

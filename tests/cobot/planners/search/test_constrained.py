@@ -123,7 +123,7 @@ def test_auto_takes_ompl_where_ptp_breaks_it(robot: RobotDescription) -> None:
     request = swing(robot, "auto")
     motion = plan(robot, request)
     assert motion is not None
-    assert motion.note.startswith("auto took ompl")
+    assert motion.note.startswith("auto used ompl")
     places, _ = second_robot().path(motion.sample(np.linspace(0.0, motion.duration_s, 2000)))
     assert request.constraints is not None
     assert request.constraints.box is not None

@@ -121,7 +121,7 @@ def test_auto_takes_a_direct_motion_to_a_faster_position_of_the_goal(robot: Robo
     assert direct is not None
     assert after.quality is PlanQuality.FINAL
     assert after.best.duration_s == pytest.approx(direct.duration_s, rel=1e-9)
-    assert after.best.note == "auto took ptp: the direct joint motion is free"
+    assert after.best.note == "auto used ptp: the direct joint motion is free"
 
 
 def test_constraints_are_kept(walled: RobotDescription) -> None:
@@ -141,7 +141,7 @@ def test_a_motion_that_leaves_a_collision_is_not_improved(robot: RobotDescriptio
     there = replace(robot, collision=robot.collision.among(Scene(version=1, objects={"ball": ball})))
     first = plan(there, request)
     assert first is not None
-    assert "leaves this first" in first.note
+    assert "first takes the shortest way out" in first.note
     state = begin(there, request, first)
     assert state.done
     assert improve(there, request, state, 1.0) is state
