@@ -74,7 +74,7 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         connect: creates the REST client, the streaming client and their clock from the URL.
 
     Raises (constructor): InputError, ConfigError, UnavailableError: an argument is invalid or cannot be used;
-    the message has the valid values.
+    the message gives the valid values.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012 - Gymnasium's own form
@@ -187,7 +187,7 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
             if self._due_s > now_s:
                 self._arm.clock.sleep(self._due_s - now_s)
             else:
-                self._due_s = now_s  # a delay is not caught up
+                self._due_s = now_s  # a delay is not made up for
         except (MotionStopped, NotReadyError) as exc:
             reason = str(exc)
         observation = self._observe()

@@ -246,7 +246,7 @@ def _read(file: io.BytesIO) -> Episode:
             pixels += picture.nbytes
             require_room("the pictures of the file", 2 * pixels)  # the pictures are copied into one array
     if not times_ns:
-        raise ValueError("it has no frame")
+        raise ValueError("it contains no frames")
     lengths = {len(each) for each in (*rows.values(), *pictures.values())}
     if lengths != {len(times_ns)} or len(gripper) not in (0, len(times_ns)):
         raise ValueError("its topics have different lengths")

@@ -32,7 +32,7 @@ from rtloop.loop import ControlLoop
 from rtloop.main import describe
 
 CAPACITY = 1000
-"""Number of segments of a planned motion for which there is room. Episodes do not use planned motions."""
+"""Maximum number of segments of a planned motion. Episodes do not use planned motions."""
 FOREVER_NS = 10**16
 _numbers = itertools.count()
 

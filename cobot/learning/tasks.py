@@ -43,7 +43,7 @@ class Reach:
 
     Args:
         spread_rad: maximum distance of each joint in this posture from the start, rad.
-        near_m: distance at which the target counts as reached, m.
+        near_m: distance at which the target is reached, m.
     """
 
     def __init__(self, spread_rad: float = 0.5, near_m: float = 0.02) -> None:

@@ -3,7 +3,8 @@ values of `rosbags`.
 
 In JSON, a message is an object, a list is a list, uint8[] and char[] are base64 (lists are also accepted),
 and NaN and infinity are null. As in REST bodies (`cobot.loose_lists`), the brackets of a list with one item
-may be missing, and `[]` in place of a single value or an object counts as a missing field. Checked values are
+may be missing, and `[]` in place of a single value or an object is treated as a missing field. Checked values
+are
 complete: every field exists, is in range, and has the right type.
 """
 
@@ -153,7 +154,7 @@ class ListField:
                 raise InputError(f"{path}: must be a list, got {shown(value)}")
             value = [value]
         _check_length(len(value), self._size, self._bound, path)
-        if self._floats and (kinds := set(map(type, value))) <= {float, int}:  # the usual, many times as fast
+        if self._floats and (kinds := set(map(type, value))) <= {float, int}:  # usual, and much faster
             with contextlib.suppress(OverflowError):
                 return value if int not in kinds else list(map(float, value))
         check = self._item.check
@@ -275,7 +276,7 @@ def without_nan(value: Any) -> Any:
 
 
 def _is_given(message: dict[str, Any], name: str, field: FieldCodec) -> bool:
-    """Whether a message gives this field a value. For a single value, `[]` counts as a missing field."""
+    """Whether a message gives this field a value. For a single value, `[]` is treated as a missing field."""
     return name in message and not (isinstance(field, Scalar) and message[name] == [])
 
 

@@ -2,8 +2,8 @@
 
 An interface is called KIND/NUMBER, such as digital_out/16. The numbers are defined by the driver. Sources:
 the definitions in ur_msgs, motoros2_interfaces, xarm_msgs and dsr_msgs2, and the code of these drivers. Where
-the two differ, the code counts. Analog outputs are left out, because some drivers expect values in different
-units than they report.
+the two differ, cobot follows the code. Analog outputs are left out, because some drivers expect values in
+different units than they report.
 """
 
 from __future__ import annotations

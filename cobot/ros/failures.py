@@ -47,7 +47,7 @@ table.
 
 
 def error_code_of(error: CobotError) -> FjtError:
-    """The `error_code` of an error. The most specific of the error's classes in the table determines it."""
+    """The `error_code` of an error, from the most specific of its classes that is in the table."""
     own: FjtError | None = getattr(error, "error_code", None)
     return own or next(OF_ERROR[kind] for kind in type(error).__mro__ if kind in OF_ERROR)
 

@@ -83,7 +83,7 @@ def main() -> int:
 def _count(argument: str) -> int:
     if argument.isdecimal() and int(argument) >= 1:
         return int(argument)
-    raise argparse.ArgumentTypeError(f"{argument!r} is not a number from 1 up")
+    raise argparse.ArgumentTypeError(f"{argument!r} is not a number of 1 or more")
 
 
 def _instructions(argument: str) -> int:
@@ -94,7 +94,7 @@ def _seconds(argument: str) -> float:
     value = float(argument)
     if math.isfinite(value) and value >= 0.0:
         return value
-    raise argparse.ArgumentTypeError(f"{argument!r} is not a time from 0 s up")
+    raise argparse.ArgumentTypeError(f"{argument!r} is not a time of 0 s or more")
 
 
 def _run(arguments: argparse.Namespace) -> int:

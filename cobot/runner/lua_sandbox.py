@@ -23,7 +23,8 @@ from cobot.foreign import plain_error
 
 PRELUDE = Path(__file__).with_name("sandbox.lua")
 INTERVAL = 100_000
-"""Number of instructions between two checks of the limits. So many instructions take about a millisecond."""
+"""Number of instructions between two checks of the limits. This many instructions take about a millisecond.
+"""
 END_S = 0.3
 """Maximum time to wait for a program that must end, s. The program notices the request within milliseconds,
 or never.
@@ -49,7 +50,7 @@ class LuaLimits:
 
 
 class Stopping(Exception):
-    """The program must end. This exception passes through everything that the program calls."""
+    """Raised when the program must end. It passes through everything that the program calls."""
 
 
 class ProgramWatch:

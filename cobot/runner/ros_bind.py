@@ -113,7 +113,7 @@ class RosBridge:
         """The oldest unread message as (True, value), or (False, None) after the timeout.
 
         Args:
-            timeout_ms: timeout in ms; with None, the call waits for ever.
+            timeout_ms: timeout in ms; with None, the call waits forever.
         """
         endpoint = self._endpoint(handle)
         received = endpoint.received
@@ -241,7 +241,7 @@ class RosBridge:
                 raise InputError(f"a {type_} must be a string with its CDR, got {kind(value)}")
             return self._messages.from_cdr(type_, value)
         data = text(value, f"a {type_}") if type_ == STRING else plain(value, f"a {type_}")
-        if isinstance(data, list | dict):  # an empty list would count as a missing field, and so as 0
+        if isinstance(data, list | dict):  # an empty list would be treated as a missing field, and so as 0
             raise InputError(f"a {type_} must be one value, got {kind(value)}")
         return self._messages.checked(type_, {"data": data})
 

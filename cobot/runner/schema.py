@@ -36,7 +36,7 @@ class Sequence(RequestModel):
     )
 
     home: AnyTarget | None = None
-    waypoints: Waypoints = Field(default_factory=list, description="Waypoints alone. Give this or `steps`.")
+    waypoints: Waypoints = Field(default_factory=list, description="Only waypoints. Give this or `steps`.")
     steps: Block = Field(default_factory=list, description="Waypoints and other steps.")
 
     @property

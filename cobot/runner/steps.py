@@ -34,7 +34,7 @@ from cobot.runner.targets import ArcTarget, Comment, JointTarget, Label, NamedTa
 MAX_STEPS = 100_000
 """Maximum number of steps in one list."""
 MAX_DEPTH = 20
-"""Maximum nesting depth of lists of steps. A called sequence counts as one level."""
+"""Maximum nesting depth of lists of steps. A called sequence adds one level."""
 MAX_ROUNDS = 1_000_000_000
 FIXED_FRAMES = ("", "base", "world", TOOL_FRAME)
 """Names of frames that a pallet cannot use for its places."""
@@ -58,7 +58,7 @@ class OutputValue(RequestModel):
 
     output: PointName = Field(description="Name of an output in GET /robot/io.")
     value: bool | int | Finite = Field(
-        description="boolean: true or false; digital: a whole number from 0 on; analog: a number."
+        description="boolean: true or false; digital: a whole number of 0 or more; analog: a number."
     )
 
 
@@ -85,13 +85,13 @@ class PressStep(ForceStep):
 
 
 class FollowStep(ForceStep):
-    """Approach until contact, then move along a path while the force is held."""
+    """Approach until contact, then move along a path while holding the force."""
 
     follow: FollowMotion
 
 
 class SearchStep(ForceStep):
-    """Approach until contact, then search for a hole or an edge while contact is kept."""
+    """Approach until contact, then search for a hole or an edge while keeping contact."""
 
     search: SearchMotion
 

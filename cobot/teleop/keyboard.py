@@ -1,5 +1,5 @@
-"""The keyboard of a terminal. A key counts as held while it repeats, because a terminal does not report when
-a key is released.
+"""The keyboard of a terminal. A key is considered held while it repeats, because a terminal does not report
+when a key is released.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from cobot.errors import InputError, UnavailableError
 from cobot.teleop.hand import JogVelocity
 
 HELD_S = 0.2
-"""Time without a repetition after which a key counts as released, s."""
+"""Time without a repetition after which a key is considered released, s."""
 TWISTS = {
     key: tuple(way if axis == each else 0.0 for each in range(6))
     for axis, keys in enumerate(("ws", "ad", "rf", "uo", "ik", "jl"))

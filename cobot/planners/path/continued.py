@@ -221,8 +221,8 @@ def _failure(
     at = f" after {100 * next_share:.0f} %" if robot.model.inverse_kinematics.lacking else ""
     away = f"{apart(distance_m, angle)} away{at}{allowed(robot.model)}"
     return UnreachableError(
-        f"{place} the TCP cannot continue: {cause.says}; it stays {away}, with {moving(limits, joint)} most, to "
-        f"{joints[joint]:.3f} {limits.unit(joint)}",
+        f"{place} the TCP cannot continue: {cause.says}; it stays {away}, with {moving(limits, joint)} most, "
+        f"to {joints[joint]:.3f} {limits.unit(joint)}",
         findings=[
             *([] if cause.finding is None else [cause.finding]),
             *missing(robot.model, distance_m, angle, "path", share, (name,)),

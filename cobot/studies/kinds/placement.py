@@ -79,7 +79,7 @@ class PlacementStudy(RobotStudy):
     def answer(self, columns: Columns) -> dict[str, Any]:
         answer = super().answer(columns)
         if "planned" in columns and not (columns["cause"] == "").any():
-            answer["no placement can do the program"] = nearest_program(columns, self.axes)
+            answer["no placement can execute the program"] = nearest_program(columns, self.axes)
         elif _reaches_nothing(columns):
             for name in ("at", "trial", f"best {self.metric}"):  # no placement is better than any other
                 answer.pop(name, None)

@@ -39,9 +39,9 @@ class ReachStudy(Study):
 
     Attributes:
         metric: the result that colours the map.
-        method: condition for a pose to count as reached. ik: joint angles within the limits lead to it. free:
-            these joint angles are also free of collisions. lin: a straight, collision-free line of the TCP
-            leads to the pose from `start` at full speed.
+        method: criterion for a reached pose. ik: joint angles within the limits reach it. free: these joint
+            angles are also free of collisions. lin: a straight, collision-free line of the TCP leads to the
+            pose from `start` at full speed.
         approach: directions of the TCP's z axis, see `Approach`.
         spins: number of turns about each direction.
         start: start for the method lin: a named position or joint angles, rad.

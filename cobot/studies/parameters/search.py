@@ -23,12 +23,12 @@ MAX_TRIALS = 1_000_000
 
 
 class SearchChoice(StrictModel):
-    """How to search.
+    """The settings of a search.
 
     Attributes:
         sampler: tpe: tree-structured Parzen estimators, for all kinds; cmaes: CMA-ES, for numbers; random.
         trials: number of tasks.
-        batch: number of trials in a round; at least the number of workers keeps all of them busy.
+        batch: number of trials in a round. If it is at least the number of workers, all of them are busy.
     """
 
     sampler: Literal["tpe", "cmaes", "random"] = "tpe"

@@ -15,7 +15,7 @@ NOTHING = np.array([205, 208, 212])
 
 
 def colours_of(values: Array, low: float, high: float) -> np.ndarray:
-    """The colours of values, uint8, shape (n, 3). A value that is not finite counts as missing."""
+    """The colours of values, uint8, shape (n, 3). A value that is not finite is treated as missing."""
     known = np.isfinite(values)
     share = np.clip((np.where(known, values, low) - low) / max(high - low, 1e-12), 0.0, 1.0)
     places = np.linspace(0.0, 1.0, len(SCALE))

@@ -109,7 +109,7 @@ def test_a_space_without_a_feasible_placement_says_what_is_nearest_or_why() -> N
     study = placement(space, metric="duration_s", goal="min", program=program, targets=None)
     columns = study.kernel()(0, 2)
     assert columns["planned"].tolist() == [0, 1]
-    said = study.answer({"task": np.arange(2), **columns})["no placement can do the program"]
+    said = study.answer({"task": np.arange(2), **columns})["no placement can execute the program"]
     assert said.startswith("the nearest has base_x_m -0.5: motions planned: 1; then program[2]: ")
     earlier = {name: values for name, values in columns.items() if name != "planned"}
     assert study.answer({"task": np.arange(2), **earlier})["duration_s"] == "no task has a finite value"
