@@ -62,7 +62,7 @@ class Registry:
                 kind = getattr(kind, part)
         except KeyboardInterrupt:
             raise
-        except BaseException as exc:  # a module from a different package may raise anything
+        except BaseException as exc:  # a module from another package may raise anything
             raise self.unloadable(name, exc) from exc
         if not callable(kind):
             raise ConfigError(f"{self.setting}: cannot load {name!r}: {attribute} is not a class")

@@ -35,7 +35,7 @@ def below(folder: Path, name: str, field: str, folder_name: str) -> Path:
 
 def open_new(path: Path) -> BinaryIO:
     """Create a file and open it for writing. An existing file or link is removed first, so that nothing is
-    written through a link or into a file of a different user.
+    written through a link or into a file of another user.
 
     Raises:
         OSError: the file cannot be created, or a file with this name was created in the meantime.

@@ -49,8 +49,7 @@ MIN_LIFETIME = timedelta(minutes=1)
 MAX_LISTED = 20
 """Maximum number of names in an error."""
 LOCKED_S, LOOK_S = 5.0, 0.01
-"""Time to wait for a different program that is changing the file, and time between two attempts, in
-seconds.
+"""Time to wait for another program that is changing the file, and time between two attempts, in seconds.
 """
 NAME = r"^[A-Za-z0-9._@-]{1,48}$"
 """Form of a token's name."""
@@ -267,7 +266,7 @@ def _lock(folder: int, path: Path) -> None:
     """Lock a folder.
 
     Raises:
-        UnavailableError: a different program has kept the folder locked for `LOCKED_S`.
+        UnavailableError: another program has kept the folder locked for `LOCKED_S`.
     """
     ends_s = time.monotonic() + LOCKED_S
     while True:

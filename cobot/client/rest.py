@@ -448,11 +448,11 @@ class Client(ForceMoves, Steps, EventConnection):
 
         Args:
             timeout_s: time without a motion after which control is lost. Each motion restarts this time.
-            force: take control even if a different client has it; the motion of that client ends.
+            force: take control even if another client has it; the motion of that client ends.
 
         Raises:
-            ConflictError: a different client has control; the message names it. The error is raised inside
-                the block if a different client takes control.
+            ConflictError: another client has control; the message names it. The error is raised inside the
+                block if another client takes control.
         """
         body = {"timeout_s": timeout_s, "force": force}
         taken = self._json("POST", "/robot/control", json=body, timeout=15.0)

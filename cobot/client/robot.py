@@ -296,7 +296,7 @@ class Robot(SessionSettings):
                 sequence runs once.
 
         Raises:
-            ConflictError: the mode is not NRT_PLAN_EXECUTION, or a different client is moving the arm.
+            ConflictError: the mode is not NRT_PLAN_EXECUTION, or another client is moving the arm.
             CobotError: the plan cannot be executed, or the previous one has failed.
         """
         self._require_mode(Mode.NRT_PLAN_EXECUTION)
@@ -347,7 +347,7 @@ class Robot(SessionSettings):
                 ruckig.
 
         Raises:
-            ConflictError: the mode is not RT_ or NRT_JOINT_IMPEDANCE, or a different client has a session.
+            ConflictError: the mode is not RT_ or NRT_JOINT_IMPEDANCE, or another client has a session.
             ExecutionError: rtloop rejects the session; the message gives the reason.
         """
         self._describe(Stream.JOINT_IMPEDANCE, inner_control_hz, interpolate_cmds, interpolation)
@@ -365,8 +365,7 @@ class Robot(SessionSettings):
         """Begin to stream poses and wrenches; see `start_joint_impedance_control`.
 
         Raises:
-            ConflictError: the mode is not RT_ or NRT_CARTESIAN_MOTION_FORCE, or a different client has a
-                session.
+            ConflictError: the mode is not RT_ or NRT_CARTESIAN_MOTION_FORCE, or another client has a session.
             ExecutionError: rtloop rejects the session; the message gives the reason.
         """
         self._describe(Stream.CARTESIAN, inner_control_hz, interpolate_cmds, interpolation)
@@ -379,7 +378,7 @@ class Robot(SessionSettings):
         """Begin to stream joint torques.
 
         Raises:
-            ConflictError: the mode is not RT_JOINT_TORQUE, or a different client has a session.
+            ConflictError: the mode is not RT_JOINT_TORQUE, or another client has a session.
             ExecutionError: rtloop rejects the session; the message gives the reason.
         """
         self._describe(Stream.JOINT_TORQUE, 1000, False, None)

@@ -56,7 +56,7 @@ class Transport(Protocol):
             Session number.
 
         Raises:
-            ConflictError: a different client has a session.
+            ConflictError: another client has a session.
             ExecutionError: rtloop rejects the session; the message gives the reason.
             UnavailableError: rtloop does not answer.
         """

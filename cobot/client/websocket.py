@@ -1,4 +1,4 @@
-"""Connection of a `Robot` to an rtloop on a different computer, through the service's WebSocket."""
+"""Connection of a `Robot` to an rtloop on another computer, through the service's WebSocket."""
 
 from __future__ import annotations
 

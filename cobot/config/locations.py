@@ -39,7 +39,7 @@ def _folder_of(package: str) -> Path | None:
     """The folder of this name that is part of cobot, otherwise the folder of an installed package; None if
     neither exists.
 
-    cobot's files come first, because a different package may also be named `config`.
+    cobot's files come first, because another package may also be named `config`.
     """
     if package in shipped.NAMES:
         return (shipped.FOLDER / package).resolve()

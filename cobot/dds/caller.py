@@ -19,7 +19,7 @@ ENDED = (4, 5, 6)
 
 
 class ServiceCaller:
-    """Calls a service of a different node.
+    """Calls a service of another node.
 
     Args:
         lifespan_s: age after which a lost request is not repeated, s.
@@ -86,7 +86,7 @@ class ServiceCaller:
 
 
 class ActionCaller:
-    """Sends goals to an action of a different node.
+    """Sends goals to an action of another node.
 
     Args:
         on_feedback: called with each feedback of the newest goal.

@@ -122,7 +122,7 @@ class RobotBundles:
         """The settings that a roll-out or a rollback has changed and that need a restart of this cell, as
         text; "" if no setting needs a restart.
         """
-        found, pending = self.installed, self._pending  # a different thread may replace them
+        found, pending = self.installed, self._pending  # another thread may replace them
         texts = []
         if found is not None and found.restart_for and found.supervisor == os.getppid():
             texts.append(f"{found.title} needs a restart of this cell: {'; '.join(found.restart_for)}")
@@ -138,7 +138,7 @@ class RobotBundles:
         Args:
             versions: the latest version of each stored program.
         """
-        found = self.installed  # a different thread may replace it
+        found = self.installed  # another thread may replace it
         if found is None or not found.complete:
             return []
         changed = sorted(name for name, version in found.versions.items() if versions.get(name) != version)

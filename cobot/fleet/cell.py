@@ -204,7 +204,7 @@ class FleetCell:
             robot.stop("cobot", why)
 
     def _join(self) -> None:
-        """Declare this cell, unless a different cell already uses its name."""
+        """Declare this cell, unless another cell already uses its name."""
         now_s = time.monotonic()
         if self._token is not None:
             if now_s >= self._synchronize_s:
@@ -340,7 +340,7 @@ class FleetCell:
         """Check that this cell accepts a command.
 
         Raises:
-            InputError: the command is for a different fleet, cell or robot.
+            InputError: the command is for another fleet, cell or robot.
             PermissionDenied: the settings do not accept the command from this role.
         """
         own = self._fleet.name, self.name, robot.name

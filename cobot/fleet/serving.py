@@ -214,7 +214,7 @@ def _require_protected(listen: list[str], host: str, folder: Path | None) -> Non
     """Check that no other computer can reach a hub without certificates.
 
     Raises:
-        ConfigError: a different computer could reach it, or an address is invalid.
+        ConfigError: another computer could reach it, or an address is invalid.
     """
     scheme = "tcp" if folder is None else "tls"
     hosts = {"--host": [host], "--listen": [_host_of(each, scheme) for each in listen]}

@@ -112,5 +112,5 @@ def make_gripper(settings: Settings, port: IoPort) -> Gripper:
         raise
     except GripperError as exc:
         raise ConfigError(f"robot.gripper: {name}: {exc}") from exc
-    except BaseException as exc:  # a class from a different package may raise anything
+    except BaseException as exc:  # a class from another package may raise anything
         raise REGISTRY.unloadable(name, exc) from exc

@@ -35,8 +35,8 @@ PRESSING_N, PRESSING_SHARE = 1.0, 0.5
 the commanded width, they hold something.
 """
 REPORT_S = 1.0
-"""Time in which the cell must report a command, s. If it does not, a different client has changed the outputs
-of the cell.
+"""Time in which the cell must report a command, s. If it does not, another client has changed the outputs of
+the cell.
 """
 
 

@@ -49,7 +49,7 @@ def robots_running() -> list[str]:
     for path in sorted(FOLDER.glob("cobot-*")):
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
-        except OSError:  # a file of a different user, or a file that does not belong to a robot
+        except OSError:  # a file of another user, or a file that does not belong to a robot
             continue
         roles = MemoryRole.SUPERVISOR, MemoryRole.RTLOOP
         if _users[path] or any(holder(descriptor, role) for role in roles):
@@ -95,12 +95,12 @@ def close_file(path: Path, descriptor: int) -> None:
 def create_file(path: Path, robot: str) -> int:
     """Create an empty file, locked for the supervisor. Returns its descriptor.
 
-    The file of a killed run is removed and not reused. A different process may still have it mapped, and
+    The file of a killed run is removed and not reused. Another process may still have it mapped, and
     truncating it would kill that process by SIGBUS.
 
     Raises:
-        ConflictError: a different supervisor, or a process that remains from one, is using the file; the
-            message gives its pid.
+        ConflictError: another supervisor, or a process that remains from one, is using the file; the message
+            gives its pid.
         OSError: the system denies access.
     """
     while True:
@@ -112,7 +112,7 @@ def create_file(path: Path, robot: str) -> int:
         lock(descriptor, MemoryRole.SUPERVISOR, robot)
         if _is_at(path, descriptor):
             return descriptor
-        os.close(descriptor)  # a different supervisor removed it as stale before it was locked
+        os.close(descriptor)  # another supervisor removed it as stale before it was locked
 
 
 def _remove_stale(path: Path, robot: str) -> None:
@@ -164,7 +164,7 @@ def lock(descriptor: int, role: MemoryRole, robot: str) -> None:
     """Take a role until `unlock` is called or the process ends.
 
     Raises:
-        ConflictError: a different process has the role; the message gives its pid.
+        ConflictError: another process has the role; the message gives its pid.
     """
     try:
         fcntl.fcntl(descriptor, fcntl.F_SETLK, _flock(fcntl.F_WRLCK, role))

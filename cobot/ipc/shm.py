@@ -210,7 +210,7 @@ class RobotMemory:
             url: address of the robot's service, for local clients; "" if there is no service.
 
         Raises:
-            ConflictError: a different supervisor, or a process that remains from one, is using the file; the
+            ConflictError: another supervisor, or a process that remains from one, is using the file; the
                 message gives its pid.
             SharedMemoryError: there is no space in /dev/shm, or no permission.
         """
@@ -287,7 +287,7 @@ class RobotMemory:
         ends.
 
         Raises:
-            ConflictError: a different process has the role; the message gives its pid.
+            ConflictError: another process has the role; the message gives its pid.
         """
         lock(self._descriptor, role, self.robot)
         self._roles.add(role)

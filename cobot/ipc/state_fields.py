@@ -43,7 +43,7 @@ class StateField:
         measured: whether backends measure it in each cycle, as an attribute of `rtloop.backends.Measured`.
         recorded: type of the field in the record of a recording; "" if it is not recorded.
         message: place and ROS type in the message of `topic`, which recordings and Foxglove show. A place is
-            never given to a different field, because readers depend on it. A new field gets the next place.
+            never given to another field, because readers depend on it. A new field gets the next place.
         topic: the topic whose message contains the field: cobot_msgs/msg/Cycle or cobot_msgs/msg/Gripper.
     """
 

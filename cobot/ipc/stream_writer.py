@@ -38,7 +38,7 @@ class StreamWriter:
             Session number.
 
         Raises:
-            ConflictError: a different process is streaming.
+            ConflictError: another process is streaming.
         """
         memory = self._memory
         memory.take(MemoryRole.STREAM)

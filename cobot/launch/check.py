@@ -154,7 +154,7 @@ def _folder(folder: Path) -> str:
     """Check that files can be written to a folder.
 
     The folder is not created, because it would belong to the user who runs the check, and the service may run
-    as a different user.
+    as another user.
     """
     try:
         there = next(each for each in (folder, *folder.absolute().parents) if each.exists())

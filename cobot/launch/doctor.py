@@ -337,7 +337,7 @@ def listening(machine: Machine, number: int) -> int | None:
         try:
             if any(os.readlink(each) in inodes for each in (process / "fd").iterdir()):
                 return int(process.name)
-        except OSError:  # it has ended, or belongs to a different user
+        except OSError:  # it has ended, or belongs to another user
             continue
     return None
 

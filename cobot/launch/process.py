@@ -51,7 +51,7 @@ def is_gone(pid: int) -> bool:
         os.kill(pid, 0)
     except ProcessLookupError:
         return True
-    except PermissionError:  # the process exists, but belongs to a different user
+    except PermissionError:  # the process exists, but belongs to another user
         pass
     return False
 

@@ -62,7 +62,7 @@ def run(chosen: argparse.Namespace) -> None:
     config: Path | None = chosen.config
     settings = load_settings(config)
     file = TokenFile(chosen.file or settings.web.tokens)
-    if chosen.action != "list":  # a different user has a different file, unless the settings name one
+    if chosen.action != "list":  # another user has a different file, unless the settings name one
         print(f"in {file.path}", file=sys.stderr)
     match chosen.action:
         case "create":

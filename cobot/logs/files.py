@@ -87,7 +87,7 @@ class RotatingFile:
             folder = os.stat(self._path.parent)
             os.fchown(self._descriptor, folder.st_uid, folder.st_gid)
         for older in aside(self._path, self._count)[1:]:
-            with contextlib.suppress(OSError):  # the file does not exist or belongs to a different user
+            with contextlib.suppress(OSError):  # the file does not exist or belongs to another user
                 descriptor = os.open(older, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
                 try:
                     make_private(descriptor)
@@ -106,7 +106,7 @@ class RotatingFile:
 
 
 def make_private(descriptor: int) -> None:
-    """Restrict an open regular file to its owner. A file that belongs to a different user is not changed."""
+    """Restrict an open regular file to its owner. A file that belongs to another user is not changed."""
     status = os.fstat(descriptor)
     mine = status.st_uid == os.geteuid() or os.geteuid() == 0
     if mine and stat.S_ISREG(status.st_mode) and stat.S_IMODE(status.st_mode) & 0o077:

@@ -97,7 +97,7 @@ class SupervisorLog(logging.Handler):
 
 
 class SupervisorLosses:
-    """Reads the supervisor's losses in a different process."""
+    """Reads the supervisor's losses in another process."""
 
     def __init__(self, descriptor: int | None) -> None:
         self._memory = None if descriptor is None else mmap.mmap(descriptor, LOSSES.size, prot=mmap.PROT_READ)

@@ -60,7 +60,7 @@ class ForceMotion(RequestModel):
     @model_validator(mode="after")
     def _require_push(self) -> Self:
         if math.hypot(self.direction.x, self.direction.y, self.direction.z) < MIN_LENGTH:
-            raise ValueError("direction: has no length; give a direction such as {x: 0, y: 0, z: 1}")
+            raise ValueError("direction: is zero; give a direction such as {x: 0, y: 0, z: 1}")
         if self.max_force is not None and self.max_force <= self.force:
             raise ValueError(f"max_force is {self.max_force:g} N; it must be above force, {self.force:g} N")
         return self

@@ -62,7 +62,7 @@ def _peaks(robot: RobotDescription, trajectory: Trajectory | None, start: Array)
         return {"velocity": rest, "acceleration": rest, "jerk": rest, "torque": torque}
     coefficients = trajectory.coefficients
     begins = np.abs(coefficients[:, :, 1:4]).max(axis=0).T * [[1.0], [2.0], [6.0]]
-    # Leave out pieces whose speeds are all lower than the initial speed of a different piece.
+    # Leave out pieces whose speeds are all lower than the initial speed of another piece.
     durations = np.diff(trajectory.breakpoints_s)
     rates = greatest_rates(coefficients, durations, begins[:, None]).max(axis=1)
     torque = np.abs(effort_samples(robot.model, trajectory)[1]).max(axis=0)

@@ -56,7 +56,7 @@ def part_name(run: str, part: int) -> str:
 
 
 class RecordingStore:
-    """The recordings of one robot. A different process may write and remove files at any time.
+    """The recordings of one robot. Another process may write and remove files at any time.
 
     Args:
         folder: folder that contains only this robot's recordings. It is created when it is needed.

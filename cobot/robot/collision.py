@@ -113,8 +113,8 @@ class CollisionChecker:
         self._proven: Trajectory | None = None
 
     def take_over(self, other: CollisionChecker) -> None:
-        """Copy the scene, the tool and the distances from a different checker of the same arm, without
-        computing them again.
+        """Copy the scene, the tool and the distances from another checker of the same arm, without computing
+        them again.
         """
         self.clearance, self.pairs = other.clearance, other.pairs
         self._mj, self.scene, self.tool = other._mj, other.scene, other.tool
@@ -130,8 +130,8 @@ class CollisionChecker:
         return other
 
     def twin(self) -> CollisionChecker:
-        """A checker of the same arm, scene and tool for use in a different thread: it uses a scratch memory
-        of its own.
+        """A checker of the same arm, scene and tool for use in another thread: it uses a scratch memory of
+        its own.
         """
         other = copy.copy(self)
         other.clearance = Clearance(self._mj, self.pairs, RESOLUTION_M, self.clearance.clouds)

@@ -40,7 +40,7 @@ def stage(path: Path, content: bytes, what: str) -> Callable[[], None]:
 
     def write() -> None:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        new.unlink(missing_ok=True)  # left by a killed process, or a file of a different user
+        new.unlink(missing_ok=True)  # left by a killed process, or a file of another user
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
         with os.fdopen(os.open(new, flags, 0o600), "wb") as file:
             file.write(content)

@@ -1,4 +1,4 @@
-"""Linear algebra on small matrices, for compiled code; to Python it is visible for tests."""
+"""Linear algebra on small matrices, for compiled code. Its Python functions are only for tests."""
 
 import numpy as np
 

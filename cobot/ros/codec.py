@@ -203,9 +203,7 @@ class Octets:
 
 
 class CheckedMessage(dict[str, Any]):
-    """A message that a different thread has already checked. It is the result of `Record.check`, or the
-    error.
-    """
+    """A message that another thread has already checked. It is the result of `Record.check`, or the error."""
 
     __slots__ = ("name", "problem")
 

@@ -277,7 +277,7 @@ class Interpreter:
         grid = step.pallet
         origin, offsets = grid.origin.model_dump(), [each.model_dump() for each in grid.offsets]
         outer = here.frames.get(grid.origin.frame_id)
-        if outer is not None:  # the pallet is at a place of a different pallet
+        if outer is not None:  # the pallet is at a place of another pallet
             origin, offsets = outer.resolve(origin), [outer.turn(each) for each in offsets]
         found = list(places(origin, grid.counts, offsets))
         for place in found:

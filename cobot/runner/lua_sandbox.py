@@ -54,7 +54,7 @@ class Stopping(Exception):
 
 
 class ProgramWatch:
-    """Tells a program when it must end, and interrupts its waits then.
+    """Tells a program when it must end, and then interrupts its waits.
 
     Attributes:
         reason: the reason why the program must end; "" while it may continue.

@@ -30,7 +30,7 @@ class Refusal(StrEnum):
     LIMIT = "limit"  # a joint is beyond its position limits
     INVERSE_KINEMATICS = "inverse_kinematics"  # no solution that continues the motion
     OVERRUN = "overrun"  # the buffer is full
-    REJECTED = "rejected"  # the session could not start: a different client moves the arm, e-stop, ...
+    REJECTED = "rejected"  # the session could not start: another client moves the arm, e-stop, ...
 
 
 class BrokenRule(Exception):

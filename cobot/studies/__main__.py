@@ -138,7 +138,7 @@ def _show(chosen: argparse.Namespace) -> int:
     answer = answer_of(study, columns, int(folder.manifest()["tasks"]))
     try:
         maps = write_maps(study, folder, answer, columns)
-    except UnavailableError as exc:  # for example, the folder belongs to a different user
+    except UnavailableError as exc:  # for example, the folder belongs to another user
         print(f"cobot: the maps are not drawn: {plain_lines(exc)}", file=sys.stderr)
         maps = []
     _tell(chosen, study.question, answer, maps)

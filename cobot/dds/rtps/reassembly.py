@@ -12,7 +12,7 @@ MAX_FRAGMENTS = 1 << 16
 class SampleAssembly:
     """The bytes of a sample, and a record of the fragments that have arrived.
 
-    Errors: MalformedError: a fragment is invalid, or belongs to a different sample.
+    Errors: MalformedError: a fragment is invalid, or belongs to another sample.
     """
 
     __slots__ = ("_data", "_marks", "_size", "count", "inline", "touched_s")

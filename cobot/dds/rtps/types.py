@@ -101,7 +101,7 @@ class RemoteParticipant:
 
 @dataclass(frozen=True, slots=True)
 class RemoteEndpoint:
-    """A writer or reader of a different participant, as that participant has announced it."""
+    """A writer or reader of another participant, as that participant has announced it."""
 
     guid: Guid
     kind: Literal["writer", "reader"]

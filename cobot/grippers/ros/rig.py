@@ -1,5 +1,5 @@
-"""A simulated ROS 2 driver for the contract: its action and its joint. It uses no network, and a simulated
-clock.
+"""A simulated ROS 2 driver for the contract: its action and its joint. It uses no network, and its clock is
+simulated.
 """
 
 from __future__ import annotations

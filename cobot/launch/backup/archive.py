@@ -1,7 +1,7 @@
 """ZIP archives, written and read in memory. No file is ever unpacked to a path that an archive names.
 
-An archive that comes from a different person may be hostile. Its files are found by their whole names, in
-bounded memory. Links, folders, encrypted files, files that appear twice and wrong checksums are rejected.
+An archive that comes from another person may be hostile. Its files are found by their whole names, in bounded
+memory. Links, folders, encrypted files, files that appear twice and wrong checksums are rejected.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ class Tree:
 
     @classmethod
     def of_urdf(cls, root: Element) -> Tree:
-        """The tree of a URDF. A joint that mimics a different joint is not treated as a moving joint."""
+        """The tree of a URDF. A joint that mimics another joint is not treated as a moving joint."""
         joints = []
         for joint in root.findall("joint"):
             parent, child = (joint.find(end) for end in ("parent", "child"))

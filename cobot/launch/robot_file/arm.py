@@ -122,7 +122,7 @@ def _require_serial(file: Path, root: Element, spec: mujoco.MjSpec, chain: list[
 
 
 def _mimic(root: Element, follower: str) -> Element | None:
-    """The element that makes a joint follow a different joint: <mimic> in URDF, <equality><joint> in MJCF."""
+    """The element that makes a joint follow another joint: <mimic> in URDF, <equality><joint> in MJCF."""
     for joint in root.iter("joint"):
         if joint.get("name") == follower and (mimic := joint.find("mimic")) is not None:
             return mimic

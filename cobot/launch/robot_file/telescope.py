@@ -117,8 +117,8 @@ class Telescope:
 
 
 def find_telescopes(spec: mujoco.MjSpec, chain: Sequence[MovingJoint]) -> list[Telescope]:
-    """The telescopes in a chain of joints. A joint that follows a different joint in any other way is not
-    part of a telescope.
+    """The telescopes in a chain of joints. A joint that follows another joint in any other way is not part of
+    a telescope.
     """
     found = []
     for index, node in enumerate(chain):

@@ -249,7 +249,7 @@ def _unit(joint: mujoco.MjsJoint, degrees: bool) -> float:
 
 
 def _tied(spec: mujoco.MjSpec) -> Iterator[str]:
-    """The bodies that the file connects to a different body, which closes a loop.
+    """The bodies that the file connects to another body, which closes a loop.
 
     A connection to a mocap body is ignored, because it is a handle that a program uses to pull the arm.
     """

@@ -2,8 +2,8 @@
 recordings.
 
 Shared memory shows whether the same robot is already running on this computer. It does not show a run in a
-container or on a different computer that shares only the folder. Nor does it show a run that shares only
-`recording.folder` and records a different robot of the same name there. So each run locks a file next to the
+container or on another computer that shares only the folder. Nor does it show a run that shares only
+`recording.folder` and records another robot of the same name there. So each run locks a file next to the
 files that it writes. The lock ends with the process.
 """
 
@@ -34,7 +34,7 @@ def locking_kept_files(settings: Settings) -> Iterator[None]:
     """A context that holds the locks until it ends.
 
     Raises:
-        ConflictError: a different process is holding one of the locks; the message names the file and the
+        ConflictError: another process is holding one of the locks; the message names the file and the
             process.
     """
     with ExitStack() as held:

@@ -115,7 +115,9 @@ def obstacle_along(robot: RobotDescription, start: Array, path: TcpPath) -> Cobo
 
 
 def _carried(robot: RobotDescription, start: Array, path: TcpPath) -> Array:
-    """The joints at the first evenly spaced places of the path, as far as they continue, shape (n, dof)."""
+    """The joints at the first evenly spaced places of the path, up to the place at which they cannot
+    continue, shape (n, dof).
+    """
     poses = path.poses(np.linspace(0.0, 1.0, path.places + 1)[1:])
     rows = robot.model.kinematics(path.free).carry(poses, start, STEPS, STEP_RAD, POSE_SHARE)
     return np.asarray(rows)

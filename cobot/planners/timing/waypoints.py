@@ -30,7 +30,8 @@ from cobot.types import Array, JointLimits, PlannerName
 __all__ = ["plan_waypoints", "through"]
 
 UNASKED_STRETCH = 1.05
-"""Without the client's permission, a motion may take at most this factor longer than its points specify."""
+"""Maximum factor by which a motion may take longer than its points specify, without the client's permission.
+"""
 ASIDE = 0.1
 """Share of the delay at each end that is left out when the slow interval is reported."""
 FEW = 5_000

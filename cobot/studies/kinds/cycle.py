@@ -66,7 +66,7 @@ class CycleStudy(RobotStudy):
                 )
         for number, move in enumerate(self.program):
             if move.within_m is not None and (move.pose is None or number == 0):
-                raise ValueError(f"program[{number}].within_m: needs pose, because joints have no place")
+                raise ValueError(f"program[{number}].within_m: needs a pose; it cannot move joint angles")
         return self
 
     @cached_property

@@ -60,8 +60,8 @@ class ResultsFolder:
         """A context that reserves the folder for the results of a study.
 
         Raises:
-            ConflictError: the folder contains the results of a different study, or a different process is
-                writing to it.
+            ConflictError: the folder contains the results of another study, or another process is writing to
+                it.
             UnavailableError: the folder cannot be written.
         """
         try:
