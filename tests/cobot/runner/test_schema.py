@@ -311,7 +311,7 @@ def test_a_step_that_one_refuses_the_other_refuses_too(
         ),
         (
             [{"insert": {**PUSH, "depth": 0.1, "direction": {"x": 0, "y": 0, "z": 0}}}],
-            "steps[0].insert: direction: has no length",
+            "steps[0].insert: direction: is zero",
         ),
         (
             [{"follow": {**PUSH, "motion": POSE}}],

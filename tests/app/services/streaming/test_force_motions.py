@@ -336,7 +336,7 @@ def test_a_stop_ends_it(service: VirtualService, table: Table, end: str) -> None
         ("press", {"force": 0.09}, "force"),
         ("press", {"force": 0.1, "max_force": 0.9}, "max_force"),
         ("press", {"force": 10.0, "max_force": 5.0}, "it must be above force"),
-        ("press", {"force": 10.0, "direction": {"x": 0.0, "y": 0.0, "z": 0.0}}, "direction: has no length"),
+        ("press", {"force": 10.0, "direction": {"x": 0.0, "y": 0.0, "z": 0.0}}, "direction: is zero"),
         ("press", {"force": 10.0, "frame": "world"}, "frame"),
         ("follow", {"force": 10.0, "motion": {**START, "planner": "ptp"}}, "does not follow a TCP path"),
         ("follow", {"force": 10.0, "motion": {**START, "planner": "lin"}}, "already at the end"),
