@@ -229,7 +229,9 @@ def _is_valid(name: str, text: bytes, path: str) -> bool:
     if found := _PROGRAM.fullmatch(name):
         document = _json(text, path)
         if document.get("id") != found["id"] or document.get("version") != int(found["version"]):
-            raise InputError(f"{shown(path)} of the backup contains a different program or version than its name")
+            raise InputError(
+                f"{shown(path)} of the backup contains a different program or version than its name"
+            )
         return True
     kind = name.removesuffix(".json")
     if kind not in KINDS or name == kind:
