@@ -1,4 +1,4 @@
-"""An arm as a Gymnasium environment: one episode with random directions. Nothing has to run:
+"""An arm as a Gymnasium environment: one episode with random directions. No service is needed:
 
     .venv/bin/python examples/learning_env.py
 
@@ -19,6 +19,6 @@ with gymnasium.make("cobot.learning:cobot/Reach-v0", max_episode_steps=150) as e
         observation, reward, terminated, truncated, info = env.step(action)
         over = terminated or truncated
         away.append(np.linalg.norm(observation["tcp_pose"][:3] - observation["goal"]))
-        if away[-1] >= away[-2]:  # not nearer to the goal: try another direction
+        if away[-1] >= away[-2]:  # no nearer to the goal: try another direction
             action = env.action_space.sample()
     print(f"{away[0]:.3f} m away at first, {min(away):.3f} m at best, after {info['time_s']:.1f} s")

@@ -14,7 +14,7 @@ from cobot.client import Client
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 TARGETS = (1.0, -0.6, 0.3)
-"""Goals of joint 1, rad. Each one replaces the previous goal while the arm moves."""
+"""Goals of joint 1, rad. Each one replaces the previous goal while the arm is moving."""
 
 with Client(os.environ.get("COBOT_URL", "http://localhost:8007")) as robot:
     robot.move_named("home", speed=0.5)

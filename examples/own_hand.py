@@ -1,5 +1,5 @@
-"""Move the arm by hand with your own device, such as a joystick, a tracker or a glove. The device of this
-example draws a small square with the TCP. While the device gives no velocity, the arm stands still.
+"""Move the arm by hand with your own device, such as a joystick, a tracker or a glove. The device in this
+example draws a small square with the TCP. While it returns no velocity, the arm does not move.
 
 Start `make run` in another terminal, then:
 
@@ -30,7 +30,7 @@ class Square:
         self._begun_s = SYSTEM.now_s()
 
     def read_velocity(self, now_s: float) -> JogVelocity | None:
-        """The requested velocity: shares of the maximum velocity along x, y, z and about these axes."""
+        """Return the requested velocity along and about x, y and z, as shares of the maximum velocity."""
         side = int((now_s - self._begun_s) / SIDE_S)
         if side >= len(SIDES):
             return None

@@ -20,7 +20,7 @@ def draw(robot: Client) -> None:
     corners = [(0.55, -0.1), (0.55, 0.1), (0.4, 0.1), (0.4, -0.1)]
     poses = [{"x": x, "y": y, "z": HEIGHT, **DOWN} for x, y in corners]
     robot.move_pose(**poses[-1], speed=0.5)
-    # All sides without a stop, with a blend radius of 20 mm. The TCP moves at most at 0.15 m/s.
+    # All sides without a stop, with a blend radius of 20 mm. The TCP moves at up to 0.15 m/s.
     robot.move_pose(**poses[-1], planner="polyline", through=poses[:-1], radius=0.02, speed_m_s=0.15)
     # A full circle about an axis that points up, 50 mm from the TCP.
     axis = {"x": 0, "y": 0, "z": 1}

@@ -19,7 +19,7 @@ SECONDS = float(sys.argv[1]) if len(sys.argv) > 1 else 10.0
 
 
 def policy(home: list[float], time_s: float) -> list[float]:
-    """The next joint positions, rad. Put your policy here, and give it `control.get_state()`."""
+    """Return the next joint positions, rad. Put your policy here, and pass it `control.get_state()`."""
     swing = 0.15 * (1.0 - math.cos(time_s))
     return [home[0] + swing, *home[1:5], home[5] + swing, home[6]]
 
@@ -33,4 +33,4 @@ with Robot(os.environ.get("COBOT_ROBOT", "iiwa")) as robot:
             control.set_target_joints(policy(home, tick / RATE_HZ))
             time.sleep(max(0.0, begun_s + (tick + 1) / RATE_HZ - time.monotonic()))
         print("the arm is at", control.get_state().q)
-print("and rests")  # the arm stops at the end of the `with` block, and also if this process ends
+print("and rests")  # the arm stops at the end of the `with` block, or if this process ends

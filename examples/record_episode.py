@@ -5,7 +5,7 @@ Start `make run` in another terminal, then:
     .venv/bin/python examples/record_episode.py
 
 The duration in seconds is an optional argument. On another computer, set COBOT_ROBOT=http://HOST:8007. To
-record an arm that a person or a policy moves, use `python -m cobot.learning record`.
+record an arm that a person or a policy is moving, use `python -m cobot.learning record`.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ On the robot's computer, install matplotlib, start the service in another termin
     make run
     .venv/bin/python examples/streaming_plot.py --rate 10 --output streaming.png
 
-It moves the first joint by some degrees, four times, and records the commands of the real-time loop.
+It moves the first joint by a few degrees, four times, and records the commands of the real-time loop.
 """
 
 from __future__ import annotations
@@ -29,7 +29,9 @@ WAYS = ("linear", "quintic", "ruckig", "chunks")
 
 
 def path(time_s: np.ndarray | float, duration_s: float) -> np.ndarray:
-    """Target of the policy, rad from the start of the joint. It starts and ends at rest."""
+    """Return the policy's targets, rad from the joint's initial position. The path starts and ends at
+    rest.
+    """
     time_s = np.clip(time_s, 0.0, duration_s)
     wave = 0.15 * np.sin(0.6 * np.pi * time_s) + 0.03 * np.sin(1.8 * np.pi * time_s)
     return np.sin(np.pi * time_s / duration_s) ** 4 * wave
@@ -87,7 +89,7 @@ def follow(name: str, way: str, rate_hz: int, duration_s: float) -> np.ndarray:
 
 
 def lag_s(recorded: np.ndarray, duration_s: float) -> float:
-    """Delay of the policy's path that fits the commands best, s."""
+    """Return the delay of the policy's path that fits the commands best, s."""
     time_s, position = recorded[:2]
     lags_s = np.arange(0.0, 0.3, 0.001)
     return float(

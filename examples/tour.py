@@ -56,7 +56,7 @@ print(pose["position"], pose["orientation"]["euler_deg"])
 for position in read("/robot/positions"):
     print(position["name"], "-", position["description"])
 
-# 4. Go home, at half speed. The response comes when the arm has arrived
+# 4. Go home, at half speed. The response is sent when the arm has arrived
 move("/robot/move/named", {"name": "home", "speed": 0.5})
 
 # 5. Move the joints
@@ -102,7 +102,7 @@ print(uploaded.json())
 # 9. Stop: the arm stops on its path
 print(http.post("/stop", timeout=T_STOP).json()["message"])
 
-# 10. Run a sequence. It runs in its own process
+# 10. Run a sequence, in its own process
 with (HERE / "motion_sequence_config.json").open("rb") as sequence:
     started = http.post(
         "/sequences/start",

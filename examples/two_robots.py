@@ -17,7 +17,9 @@ URL = os.environ.get("COBOT_URL", "http://localhost:8007")
 
 
 def there_and_back(name: str) -> str:
-    """Each robot has its own client, planner and process, so no robot waits for another."""
+    """Move a robot there and back. Each robot has its own client, planner and process, so no robot waits for
+    another.
+    """
     with Client(URL, robot=name) as robot:
         there = robot.move_named("work", speed=0.5)
         back = robot.move_named("home", speed=0.5)

@@ -11,7 +11,7 @@ from cobot.launch.process import die_with_parent, in_words
 
 
 def start() -> int:
-    from rtloop.main import main  # takes a second; the supervisor might die unnoticed meanwhile
+    from rtloop.main import main  # takes a second, during which the supervisor could die unnoticed
 
     return main()
 
@@ -19,5 +19,6 @@ def start() -> int:
 if __name__ == "__main__":
     atexit.register(gc.freeze)  # for the same reason as in `cobot.__main__`
     die_with_parent(signal.SIGTERM)
-    gc.disable()  # the collector would repeatedly scan permanent objects; `rtloop.realtime` collects once
+    # otherwise the collector would scan permanent objects repeatedly; `rtloop.realtime` collects once
+    gc.disable()
     sys.exit(in_words(start))

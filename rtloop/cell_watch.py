@@ -1,4 +1,4 @@
-"""rtloop's reports about the parts of a simulated cell."""
+"""Publishes rtloop's reports about the parts of a simulated cell."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class CellWatch:
     """Publishes the poses of the simulated parts. It does nothing if the backend simulates no cell.
 
     Args:
-        poll_s: interval at which `report` is called.
+        poll_s: interval between calls of `report`.
     """
 
     def __init__(self, memory: RobotMemory, backend: Backend, poll_s: float) -> None:
@@ -35,7 +35,7 @@ class CellWatch:
             self._publish(self._cell)
 
     def reset(self) -> Accepted | Rejected:
-        """Reset the cell to its initial state and report that state at once."""
+        """Reset the cell to its initial state, and report that state at once."""
         if self._cell is None:
             return Rejected("there is no simulated cell")
         try:

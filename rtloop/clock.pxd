@@ -2,7 +2,7 @@ from posix.time cimport CLOCK_MONOTONIC, clock_gettime, timespec
 
 
 cdef inline long long monotonic_ns() noexcept nogil:
-    """CLOCK_MONOTONIC, as `time.monotonic_ns`."""
+    """Return the time on CLOCK_MONOTONIC, as `time.monotonic_ns` does."""
     cdef timespec now
     clock_gettime(CLOCK_MONOTONIC, &now)
     return <long long>now.tv_sec * 1_000_000_000 + now.tv_nsec
@@ -27,7 +27,7 @@ cdef class FastClock(CycleClock):
 cdef class Pace:
     cdef long long _period_ns, _last_ns, _since_ns
     cdef long long _ahead_ns  # lead of the device's beats over the clock
-    # Number of beats since they were last not ahead of the clock, and the time for them.
+    # Number of beats since they were last not ahead of the clock, and the time that has passed since then.
     cdef readonly long long beats, beats_ns
 
     cdef long long c_early(self, long long now_ns, bint beaten) noexcept nogil

@@ -5,16 +5,16 @@ import os
 from libc.errno cimport EINTR
 from posix.time cimport CLOCK_MONOTONIC, TIMER_ABSTIME, clock_nanosleep, nanosleep, timespec
 
-# After a pause, beats of a device may come at once until this much time has been made up.
+# After a pause, beats of a device may come in quick succession until this much time has been made up.
 cdef long long CATCH_UP_NS = 100_000_000
-# Additional permitted scatter of the times.
+# Additional permitted jitter of the beats.
 cdef long long SCATTER_NS = 50_000_000
 # The clocks of the device and the computer may differ by 1 / DRIFT.
 cdef int DRIFT = 100
 
 
 cdef class CycleClock:
-    """Paces the cycle. Real-time safe.
+    """Times the cycle. Real-time safe.
 
     Attributes:
         overruns: number of periods that were missed because a cycle began too late.
@@ -34,7 +34,8 @@ cdef class CycleClock:
 
 
 cdef class RealtimeClock(CycleClock):
-    """Absolute deadlines on CLOCK_MONOTONIC: lateness does not add up, missed periods are skipped.
+    """A clock with absolute deadlines on CLOCK_MONOTONIC. Delays do not add up, and missed periods are
+    skipped.
 
     The first deadline is one period after the first wait.
     """
@@ -51,7 +52,7 @@ cdef class RealtimeClock(CycleClock):
         self._deadline_ns += self._period_ns
         deadline.tv_sec = self._deadline_ns // 1_000_000_000
         deadline.tv_nsec = self._deadline_ns % 1_000_000_000
-        # A signal ends the sleep early. The deadline is absolute, so the sleep is repeated.
+        # A signal ends the sleep early. Since the deadline is absolute, the sleep is simply repeated.
         while error == EINTR:
             error = clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &deadline, NULL)
         if error != 0:
@@ -65,8 +66,8 @@ cdef class RealtimeClock(CycleClock):
 
 
 cdef class FastClock(CycleClock):
-    """A clock without waiting while the arm moves on a path. Otherwise, at rest and during streaming
-    sessions, it keeps step with the real clock.
+    """A clock that does not wait while the arm moves on a path. At rest and during streaming sessions, it
+    keeps step with the real clock.
     """
 
     def __init__(self, double period_s):
@@ -74,7 +75,7 @@ cdef class FastClock(CycleClock):
 
     cdef long long c_wait(self, bint moving) noexcept nogil:
         if moving:
-            self._real._deadline_ns = 0  # at the next rest, deadlines are counted from that time
+            self._real._deadline_ns = 0  # when the arm is next at rest, deadlines are counted from that time
             return 0
         return min(self._real.c_wait(False), 0)
 
@@ -86,15 +87,15 @@ cdef class Pace:
 
     def __init__(self, double period_s):
         self._period_ns = round(period_s * 1e9)
-        self._ahead_ns = -CATCH_UP_NS  # there may have been a pause before the first beat
+        self._ahead_ns = -CATCH_UP_NS  # allow for a pause before the first beat
 
     def early_ns(self, long long now_ns, bint beaten):
         """Like `c_early`, for Python."""
         return self.c_early(now_ns, beaten)
 
     cdef long long c_early(self, long long now_ns, bint beaten) noexcept nogil:
-        """The time for which the cycle that begins now must be delayed, with or without a beat; 0 if the
-        beats are on time.
+        """Return the time by which the cycle that begins now must be delayed, with or without a beat; 0 if
+        the beats are on time.
         """
         cdef long long passed_ns = now_ns - self._last_ns if self._last_ns else 0
         cdef long long drift_ns = passed_ns // DRIFT

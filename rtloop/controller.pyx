@@ -1,4 +1,4 @@
-"""Handles and answers requests to the arm: stops, sessions, commands.
+"""Handles and answers requests to move or change the arm: stops, sessions, commands.
 
 Methods with the prefix `c_` run in every cycle and are real-time safe; methods for requests are Python.
 """
@@ -34,12 +34,12 @@ cdef class Controller(ModeMachine):
     Attributes:
         tool_and_scene: the arm's load and its surroundings.
         slot: the slot of the current motion.
-        stale: whether the measured values no longer change although the arm moves; the loop sets it.
-        start_position: start position of a simulated arm, shape (dof,), rad; the loop sets it.
+        stale: set by the loop; whether the measured values no longer change although the arm is moving.
+        start_position: set by the loop; start position of a simulated arm, shape (dof,), rad.
     """
 
     def __init__(self, settings, model, memory, backend, device):
-        """device: receives reports; a `rtloop.device.DeviceWatch`."""
+        """`device` is a `rtloop.device.DeviceWatch`."""
         ModeMachine.__init__(self, settings, model, memory, backend, device)
         self._device, self._output, self._pull_block = device, memory.output, memory.pull
         self._backend_of_arm = backend
@@ -47,7 +47,7 @@ cdef class Controller(ModeMachine):
         self._service_timeout_s = settings.rt.service_timeout_s
 
     def update(self, Measured measured, long long now_ns, double robot_time_s, *, bint fresh):
-        """Run one cycle. Afterwards the command is in `safety`.
+        """Run one cycle. The resulting command is in `safety`.
 
         Args:
             measured: the last values read.
@@ -58,19 +58,19 @@ cdef class Controller(ModeMachine):
         self.c_update(measured, now_ns, robot_time_s, fresh)
 
     def acknowledge(self):
-        """Permit full speed: a user has compared the findings of the first contact with the arm."""
+        """Permit full speed, because a user has checked the findings of the first contact against the arm."""
         self._device.acknowledge()
         self.follower.clock.c_scale(self._device.share)
 
     def heed_t1(self):
-        """In T1, end a session that was begun at full speed, or that is now too fast."""
+        """In T1, end a session that has begun at full speed or that is now too fast."""
         share, begun = self._device.t1_share, self.streaming.t1_share
         if self.c_streams() and share is not None and (begun is None or share < begun):
             words = "the robot has been switched to T1: sessions that begin now have reduced speed"
             self.stop(Reason(words, ReasonCode.T1))
 
     cdef void c_update(self, Measured measured, long long now_ns, double robot_time_s, bint fresh) except *:
-        """Run `c_update` for Python."""
+        """Run the cycle; see `update`."""
         cdef ToolAndScene scene = self.tool_and_scene
         self.safety.now_ns = now_ns
         self._heed_requests(now_ns)
@@ -154,7 +154,7 @@ cdef class Controller(ModeMachine):
         self.commands.answer(int(command["id"]), result)
 
     def _is_overtaken(self, kind, command):
-        """Whether a stop was requested after the client sent a command that moves the arm or resets it."""
+        """Whether a stop has been requested since the client sent a command that moves or resets the arm."""
         cdef unsigned long long stops = self.commands.stops
         if kind == Command.RESET:
             stops += self.commands.estops
@@ -165,19 +165,19 @@ cdef class Controller(ModeMachine):
         return ACCEPTED
 
     def _set_output(self, command, Measured measured, bint fresh):
-        """Set the output in the output block, in any mode."""
+        """Set the output that is in the output block. Works in any mode."""
         if not self._output.try_read():
             return Rejected("the output could not be read")
         return self._device.set_output(text(self._output.data["name"]), float(self._output.data["value"]))
 
     def _reset_cell(self, command, Measured measured, bint fresh):
-        """Reset the simulated cell to its state at the start, while nothing moves."""
+        """Reset the simulated cell to its initial state. Rejected while anything moves."""
         if self.mode in (LoopMode.HOLD, LoopMode.ESTOP, LoopMode.FAULT):
             return self._device.cell.reset()
         return Rejected(f"the arm is in mode {self.mode.name}")
 
     def _restart(self, command, Measured measured, bint fresh):
-        """Put the simulated arm back to its start position, while it is ready and nothing moves."""
+        """Return the simulated arm to its start position. Rejected unless it is at rest."""
         if self.mode is not LoopMode.HOLD or self.c_moving() or self.streaming.session:
             return Rejected(f"the arm is in mode {self.mode.name}")
         result = self._device.restart(self.start_position)
@@ -187,7 +187,7 @@ cdef class Controller(ModeMachine):
         return result
 
     def _pull(self, command, Measured measured, bint fresh):
-        """Pull the simulated arm, while it is guided by hand."""
+        """Pull the simulated arm. Rejected unless it is being guided by hand."""
         if not self._pull_block.try_read():
             return Rejected("the pull could not be read")
         record = self._pull_block.data
@@ -196,7 +196,7 @@ cdef class Controller(ModeMachine):
         return self._device.pull(record)
 
     def _start(self, command, Measured measured, bint fresh):
-        """Begin to load a motion. The result follows when the motion is verified."""
+        """Begin to load a motion. The result follows when the motion has been verified."""
         if self.mode is not LoopMode.HOLD:
             return Rejected(f"the arm is in mode {self.mode.name}")
         if self._guide == BRAKE or (self._guide == COAST and not self.settling.rests):
@@ -204,7 +204,7 @@ cdef class Controller(ModeMachine):
         return self.handover.begin_start(command, self.safety.position)
 
     def _replace(self, command, Measured measured, bint fresh):
-        """Begin to load the continuation of the current motion, which continues meanwhile."""
+        """Begin to load a new trajectory for the current motion, which goes on meanwhile."""
         motion, offset_s = int(command["motion_id"]), float(command["value"])
         here_s = self.follower.clock.path_time_s
         if self.mode is not LoopMode.TRAJECTORY or self._guide != PATH:
@@ -248,7 +248,7 @@ cdef class Controller(ModeMachine):
         self.follower.begin(self.handover.swap(self.follower.path))
 
     def _swap(self):
-        """Continue with the loaded trajectory, if the arm can."""
+        """Continue on the loaded trajectory, if possible."""
         result = Rejected("the motion has ended meanwhile")
         if self._guide == PATH:
             result = self.follower.check_continuation(self.handover.path, self.handover.offset_s)
@@ -265,7 +265,7 @@ cdef class Controller(ModeMachine):
         self._finish_loading(result)
 
     def _read_scene(self, command, Measured measured, bint fresh):
-        """Read the scene again once the arm is at rest. A new session waits for it."""
+        """Read the scene again once the arm is at rest. A new session waits until it has been read."""
         if self.c_streams() or self.streaming.session:
             return Rejected(
                 f"a client streams (mode {self.mode.name}): change the scene before or after that"
@@ -291,7 +291,7 @@ cdef class Controller(ModeMachine):
 
     def _reset(self, command, Measured measured, bint fresh):
         """Leave ESTOP or FAULT and hold the arm at its current position. This cycle may take long, because
-        nothing moves. If the drives are enabled in steps, the result follows later.
+        nothing is moving. If the drives are enabled in steps, the result follows later.
         """
         if self.mode not in (LoopMode.ESTOP, LoopMode.FAULT):
             return ACCEPTED
@@ -317,7 +317,8 @@ cdef class Controller(ModeMachine):
         return f"the arm is not at rest yet: {why}"
 
     def _step_reset(self, Measured measured):
-        """Do one step of a reset in steps. Meanwhile the command follows the measured position."""
+        """Execute one step of a reset in steps. During the reset, the command follows the measured
+        position."""
         result = Rejected(OVERTAKEN)
         if not self.drives.is_overtaken(self.commands.stops):
             result = self.drives.step_reset(measured)

@@ -31,28 +31,28 @@ from rtloop.cell_watch import CellWatch
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 POLL_S = 0.2
-"""Interval at which a device is polled, s, unless its backend defines `report_period_s`."""
+"""Interval between polls of a device, s, unless its backend defines `report_period_s`."""
 MIN_POLL_S = 0.001
 NO_SIMULATION = "only the simulation of cobot can do this, and the backend is another one"
 ENABLING = "a reset is enabling the robot"
 FIRST_SHARE = 0.1
-"""Share of the planned speed at which real hardware moves until its first contact is acknowledged."""
+"""Speed of real hardware until its first contact is acknowledged, as a share of the planned speed."""
 
 log = logging.getLogger("cobot.rtloop")
 
 
 class DeviceWatch:
-    """Polls the device several times a second, between two cycles. It also remembers whether a user has
-    acknowledged the first contact, and whether the drives are off. Both facts survive a restart of rtloop.
+    """Polls the device several times a second, between cycles. It also stores, across restarts of rtloop,
+    whether a user has acknowledged the first contact, and whether the drives are off.
 
     Attributes:
-        asks: whether the device reports anything that can be polled. If not, a cycle does nothing here.
+        asks: whether the device reports anything that can be polled.
         capabilities: capabilities of the device.
-        period_s: interval at which the device is polled.
+        period_s: interval between polls of the device.
         cell: reports the simulated cell.
-        t1_share: share of the joints' speed for streams in T1; None in other modes.
-        unacknowledged: findings of the first contact that a user still has to acknowledge; "" if nothing is
-            left to acknowledge.
+        t1_share: permitted share of the joints' maximum speed for streams in T1; None in other modes.
+        unacknowledged: findings of the first contact that a user must still acknowledge; "" if there are
+            none.
         is_enabling: whether a reset that takes several cycles is in progress.
     """
 
@@ -84,22 +84,22 @@ class DeviceWatch:
 
     @property
     def share(self) -> float:
-        """The permitted speed of planned motions, as a share from 0 to 1."""
+        """The permitted speed of planned motions, as a share of their planned speed, 0 to 1."""
         return self._slowed * self._scaling * (FIRST_SHARE if self.unacknowledged else 1.0)
 
     @property
     def drives_off(self) -> bool:
-        """Whether the drives are off after a category 1 stop. False until they are switched off."""
+        """Whether the drives are off after a category 1 stop; False until they have been switched off."""
         return self._off and not (self._switching is not None and self._switching.is_switching_off())
 
     def slow_down(self, share: float) -> None:
-        """Slow all planned motions down to this share of their speed, because of the device's own limits."""
+        """Slow down all planned motions to this share of their speed, because of the device's own limits."""
         self._slowed = share
         self._publish()
 
     def meet(self, found: str) -> None:
-        """Handle the first contact with real hardware. It needs no second acknowledgement after a restart of
-        rtloop.
+        """Handle the first contact with real hardware. After a restart of rtloop, it need not be acknowledged
+        again.
 
         Args:
             found: sentences about the arm's position and load.
@@ -110,12 +110,12 @@ class DeviceWatch:
         self._publish()
 
     def acknowledge(self) -> None:
-        """Register that a user has compared the findings with the arm."""
+        """Record that a user has checked the findings against the arm."""
         self._acknowledged, self.unacknowledged = True, ""
         self._publish()
 
     def set_drives(self, *, off: bool) -> None:
-        """Register whether the drives are off now."""
+        """Record whether the drives are off."""
         self._off = off
         self._publish()
 
@@ -152,7 +152,7 @@ class DeviceWatch:
         if self.is_enabling:
             status = replace(status, text="; ".join(filter(None, (ENABLING, status.text))))
         fill_status(self._block.data, status)
-        if not self.capabilities.trajectories:  # otherwise the device slows down by itself
+        if not self.capabilities.trajectories:  # a device that executes whole motions slows them down itself
             self._scaling = min(float(scaling), 1.0)
         self.t1_share = self._scaling if status.operation_mode == "T1" else None
         self._publish()
@@ -196,7 +196,7 @@ class DeviceWatch:
         return ACCEPTED
 
     def read_input(self, name: str) -> float:
-        """The current value of an input. Real-time safe if the device is.
+        """Return the current value of an input. Real-time safe if the device's own method is.
 
         Raises:
             BackendError: there is no such input, or the device cannot read it.
@@ -236,7 +236,7 @@ class DeviceWatch:
 
 
 def _report_period_s(backend: Backend) -> float:
-    """The interval at which this backend must be polled, s.
+    """Return the interval between polls of this backend, s.
 
     Raises:
         BackendError: the backend's interval is not a number from 0.001 s to `POLL_S`.

@@ -1,6 +1,4 @@
-"""The limits of a device, which apply in addition to the model's limits. For each value the tighter limit
-applies.
-"""
+"""The limits of a device, in addition to the model's. The tighter of the two applies."""
 
 from __future__ import annotations
 
@@ -14,15 +12,15 @@ RATES = ("max_velocity", "max_acceleration", "max_jerk")
 
 
 def device_limits(backend: object, model: JointLimits) -> JointLimits | None:
-    """Return a backend's attribute `limits`. None if the backend has no limits, or limits for a different
-    number of joints than the model's.
+    """Return a backend's attribute `limits`; None if it has none, or if they are for a different number of
+    joints than the model's.
     """
     limits = getattr(backend, "limits", None)
     return limits if isinstance(limits, JointLimits) and limits.dof == model.dof else None
 
 
 def narrowed(model: JointLimits, device: JointLimits) -> JointLimits:
-    """Return, for each value, the tighter one of the model's limit and the device's limit."""
+    """Return the tighter of the model's limit and the device's limit, for each value."""
     least = {
         name: np.minimum(getattr(model, name), getattr(device, name))
         for name in ("max_position", "max_effort", *RATES)
@@ -31,8 +29,8 @@ def narrowed(model: JointLimits, device: JointLimits) -> JointLimits:
 
 
 def slowed(model: JointLimits, device: JointLimits) -> float:
-    """Return the share of the planned speed at which a motion within the model's limits also keeps the
-    device's limits. At the share s, velocities are multiplied by s, accelerations by s² and jerks by s³.
+    """Return the share of the planned speed at which a motion within the model's limits is also within the
+    device's. At the share s, velocities are multiplied by s, accelerations by s² and jerks by s³.
     """
     both = narrowed(model, device)
     shares = [

@@ -1,4 +1,5 @@
-"""The drives. A stop of category 1 switches them off; a reset switches them on again, at once or in steps."""
+"""The power of the drives. A stop of category 1 switches it off; a reset switches it on again, at once or in
+steps."""
 
 from rtloop.backends.compiled cimport Measured
 
@@ -9,14 +10,15 @@ from rtloop.results import ACCEPTED, LATER, Rejected
 
 
 cdef class Drives:
-    """Two states: whether the drives are on, and the progress of a reset in steps. Only these methods change
-    them. Methods with the prefix `c_` are real-time safe; the others may take long, because nothing moves.
+    """Two states: whether the drives are on, and the progress of a reset in steps. Only the methods of this
+    class change them. Methods with the prefix `c_` are real-time safe. The others may take long, because
+    nothing is moving.
     """
 
     def __init__(self, backend, device, int dof, long long limit_cycles):
         """
         Args:
-            device: receives reports; a `rtloop.device.DeviceWatch`.
+            device: the `rtloop.device.DeviceWatch`, which stores whether the drives are off.
             limit_cycles: maximum number of cycles for which a stop of category 1 waits for the arm to settle.
         """
         self._backend, self._device, self._dof, self._limit_cycles = backend, device, dof, limit_cycles
@@ -58,10 +60,10 @@ cdef class Drives:
         Args:
             number: command number.
             stops: number of requested stops when the command was read.
-            measured: receives the values that are read.
+            measured: the values read are written into it.
 
         Returns:
-            `Later` for a device that is enabled in steps, which `step_reset` executes.
+            `Later` if the device is enabled in steps; `step_reset` then executes them.
         """
         if self._stepwise:
             self._number, self._stops, self._reset = number, stops, RECOVERING
@@ -74,12 +76,12 @@ cdef class Drives:
         return self._take_over(measured)
 
     def is_overtaken(self, unsigned long long stops):
-        """Whether a stop was requested since the reset began."""
+        """Whether a stop has been requested since the reset began."""
         return stops != self._stops
 
     def step_reset(self, Measured measured):
-        """Execute one step of a reset: the device recovers, then its drives are switched on. Meanwhile the
-        cycle continues to answer its packets. Returns `Later` if more steps follow.
+        """Execute one step of a reset: first the device recovers, then its drives are switched on. The cycle
+        continues to answer the device's packets. Returns `Later` if more steps follow.
         """
         try:
             if self._reset == RECOVERING:
@@ -93,8 +95,8 @@ cdef class Drives:
         return self._take_over(measured)
 
     def end_reset(self):
-        """End the reset, with any result. Drives that it has not switched on yet are switched off, because
-        the device may still execute the request. Returns the number of its command.
+        """End the reset, whatever its result. If it has not switched the drives on yet, they are switched
+        off, because the device may still execute the request. Returns the number of its command.
         """
         self._reset = NO_RESET
         self._device.is_enabling = False
@@ -102,7 +104,7 @@ cdef class Drives:
             try:
                 self._backend.disable()
             except BackendError:
-                self._set_power(ON)  # It is unknown, so they count as on.
+                self._set_power(ON)  # Unknown, so assume that they are on.
         return self._number
 
     def _take_over(self, Measured measured):

@@ -1,4 +1,4 @@
-"""Describes the findings at the first contact with a device, in sentences that a user compares with the
+"""Describes the findings of the first contact with a device, in sentences that a user can check against the
 arm.
 """
 

@@ -28,8 +28,9 @@ NEXT = """\
 env -u COBOT_TOKEN .venv/bin/cobot record dump --url http://localhost:{port}    # a recording in the cell one
 .venv/bin/cobot fleet pull recordings                                     # some seconds later"""
 RESTART_S = 30.0
-"""Time after a kill in which a command is tried again, in seconds. The arm of a killed cell ends a moment
-later than the cell, and until then the cell cannot start."""
+"""Time after a kill within which a command is started again, s. The arm of a killed cell ends a moment after
+the cell, which cannot start before that.
+"""
 COBOT = [sys.executable, "-P", "-m", "cobot"]
 SETTINGS = """\
 robot: {{name: arm-{cell}}}
@@ -94,7 +95,7 @@ def prepare(folder: Path) -> list[list[str]]:
 
 
 class Process:
-    """A command that runs until the end, and is started again after a kill."""
+    """A command that runs until the script ends, and is started again if it is killed."""
 
     def __init__(self, command: Sequence[str], output: BinaryIO) -> None:
         self.command, self._output = command, output
@@ -105,7 +106,9 @@ class Process:
         self._process = subprocess.Popen(self.command, stdout=self._output, stderr=self._output)
 
     def failure(self) -> int | None:
-        """Its exit status if it ended by itself; None while it runs, or is started again after a kill."""
+        """The exit status if the command ended by itself; None while it is running, or is being started again
+        after a kill.
+        """
         code = self._process.poll()
         if code is None:
             return None

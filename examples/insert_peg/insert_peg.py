@@ -1,4 +1,4 @@
-"""Picks the peg and inserts it into a hole. The place of the hole is known to 2 mm and 2 degrees.
+"""Picks the peg and inserts it into a hole. The position of the hole is known to within 2 mm and 2 degrees.
 
 Start `cobot run --cell examples/insert_peg` in another terminal, then:
 
@@ -14,11 +14,11 @@ from typing import Any
 from cobot.client import Client
 
 DOWN = math.pi
-"""Angle b of poses whose tool points down."""
+"""Angle b of poses in which the tool points down."""
 
 with Client(os.environ.get("COBOT_URL", "http://localhost:8007")) as robot:
     robot.move_named("home", speed=0.5)
-    robot.set_tool(tcp={"z": 0.155})  # the TCP is at the lower end of the peg, and the peg turns about it
+    robot.set_tool(tcp={"z": 0.155})  # the TCP is at the lower end of the peg, about which the peg turns
     robot.gripper.release()
     robot.move_pose(x=0.5, y=-0.2, z=0.3, b=DOWN, speed=0.5)  # above the peg
     robot.move_pose(x=0.5, y=-0.2, z=0.2, b=DOWN, planner="lin", speed_m_s=0.1)

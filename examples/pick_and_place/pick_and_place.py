@@ -14,7 +14,7 @@ from typing import Any
 from cobot.client import Client
 
 DOWN = math.pi
-"""Angle b of poses whose tool points down."""
+"""Angle b of poses in which the tool points down."""
 TOUCH: dict[str, Any] = {"force": {"direction": {"x": 0.0, "y": 0.0, "z": 1.0}, "threshold": 10.0}}
 
 with Client(os.environ.get("COBOT_URL", "http://localhost:8007")) as robot:
@@ -28,7 +28,7 @@ with Client(os.environ.get("COBOT_URL", "http://localhost:8007")) as robot:
     line(0.5, -0.3, 0.225, 0.1)
     robot.gripper.grasp(width=0.05, force=40.0)
     line(0.5, -0.3, 0.36, 0.1)
-    line(0.5, 0.12, 0.36, 0.3)  # the cube interrupts the light barrier, the fingers are above it
+    line(0.5, 0.12, 0.36, 0.3)  # the cube interrupts the light barrier; the fingers are above the beam
     robot.wait_for({"input": "gate", "is": True}, timeout_s=2.0)
     line(0.55, 0.3, 0.36, 0.3)  # above the tray
     placed = robot.move_pose(x=0.55, y=0.3, z=0.22, b=DOWN, planner="lin", speed_m_s=0.03, until=TOUCH)

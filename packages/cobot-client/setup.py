@@ -1,9 +1,9 @@
 """Builds the client from the source tree that contains this folder.
 
 The service's distribution also has a package `cobot`. Two distributions that install the same files break
-each other: the later one overwrites them, and removing one removes the files of both. So this distribution
-installs its `cobot` in a folder of its own, with a `.pth` file that appends this folder to Python's search
-path. If the service is installed too, in either order, Python finds the service's `cobot` first, which
+each other: the second one overwrites them, and removing one removes the files of both. So this distribution
+installs its `cobot` into a separate folder, with a `.pth` file that appends the folder to Python's search
+path. If the service is also installed, in either order, Python finds the service's `cobot` first, which
 includes the client.
 """
 
@@ -45,7 +45,7 @@ ONLY_WITH_THE_SERVICE = {"client/shared_memory.py"}
 
 
 class Take(build_py):
-    """Collects the client's files, instead of the packages that setuptools would find here."""
+    """Collects the client's files. setuptools would find no packages here."""
 
     def run(self) -> None:
         into = Path(self.build_lib)

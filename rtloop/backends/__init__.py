@@ -1,4 +1,4 @@
-"""Backends: a simulation or a real robot behind one small protocol."""
+"""Backends: simulations and real robots, all with the same small interface."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks with the arm's model for backends: compare it with the pose that the device reports, and keep the
+"""Checks that use the arm's model: whether the device reports the same pose, and whether the arm keeps the
 reduced speed in T1.
 """
 
@@ -17,18 +17,18 @@ from cobot.types import Array, Numbers7, Pose
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 OFF_M, OFF_RAD = 0.005, 0.02
-"""Allowed difference between the model's pose and the device's pose, m and rad. It is more than the
-calibration error of an arm, and less than the error that any wrong axis or link causes.
+"""Allowed difference between the model's pose and the device's pose, m and rad. It is larger than the
+calibration error of an arm, and smaller than the error that a wrong axis or link causes.
 """
 REDUCED_M_S = 0.25
 """Maximum speed of the TCP in manual operation, m/s: the reduced speed of ISO 10218-1."""
 REDUCED_SHARE = 0.9
-"""Maximum share of the reduced speed that a motion uses."""
+"""Maximum speed of a motion as a share of the reduced speed."""
 POSES = 500
 
 
 def check_agreement(model: RobotModel, joints: Array, flange: Pose) -> Accepted | Rejected:
-    """Check whether model and device can be the same arm.
+    """Check that the model and the device describe the same arm.
 
     Args:
         joints: joint positions measured by the device, shape (dof,), rad.
@@ -49,11 +49,11 @@ def check_agreement(model: RobotModel, joints: Array, flange: Pose) -> Accepted 
 
 
 class ReducedSpeed:
-    """Keeps the reduced speed in the operation mode T1 at the fastest point: the model's TCP, or the tool's
-    TCP, which rotates about the model's TCP.
+    """Keeps the reduced speed of the operation mode T1 at the fastest point: the model's TCP or the tool's
+    TCP, which rotates about the model's.
 
     Attributes:
-        share: the share of the joints' maximum speed at which that point keeps the reduced speed; 1 until the
+        share: share of the joints' maximum speeds at which that point moves at the reduced speed; 1 until the
             model is known.
     """
 
@@ -77,8 +77,8 @@ class ReducedSpeed:
 
 
 def _fastest(model: RobotModel) -> tuple[float, float]:
-    """Return the maximum linear and angular speed of the TCP when the joints move at full speed, in any
-    posture, m/s and rad/s.
+    """Return the maximum linear and angular speed of the TCP with the joints at full speed, over all
+    postures, m/s and rad/s.
     """
     limits = model.limits
     corners = np.array(list(itertools.product((-1.0, 1.0), repeat=limits.dof))) * limits.max_velocity

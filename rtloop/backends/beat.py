@@ -1,4 +1,4 @@
-"""Maps packets to cycles. It uses the newest packet; a lost one still counts as one period."""
+"""Maps packets to cycles. Each cycle uses the newest packet. A lost packet still counts as one period."""
 
 from __future__ import annotations
 
@@ -10,39 +10,39 @@ import numpy as np
 from cobot.types import Array
 
 MAX_CATCH_UP_S = 0.1
-"""Maximum gap between packets for which the missed cycles are run at once, s. After a longer gap the path
-continues where it was.
+"""Maximum gap between packets after which the missed cycles are made up at once, s. After a longer gap, the
+path continues from where it was.
 """
 OVERTAKEN = 20
-"""Maximum number of packets behind the newest one at which a packet counts as out of order. At a greater
-distance, the controller has restarted its count.
+"""A packet that is at most this many packets behind the newest one is out of order. One that is further
+behind shows that the controller has restarted its count.
 """
 VELOCITY_S = 0.005
-"""Time constant of the filter that calculates velocities from the measured positions, s. It is needed for
-devices that do not report velocities.
+"""Time constant of the filter that derives velocities from measured positions, s, for devices that do not
+report velocities.
 """
 _COUNTER = 1 << 32
 PacketT = TypeVar("PacketT")
 
 
 def ahead(counter: int, of: int) -> int:
-    """Difference between two 32-bit sequence counters, -2**31 to 2**31 - 1. It is positive if the first one
-    is ahead.
+    """Return the difference between two 32-bit sequence counters, -2**31 to 2**31 - 1. It is positive if the
+    first one is ahead.
     """
     return (counter - of + _COUNTER // 2) % _COUNTER - _COUNTER // 2
 
 
 class Beat(Generic[PacketT]):
-    """The controller's values, period by period.
+    """The values that the controller sends, period by period.
 
-    If packets are lost, or accumulate while this computer is busy, the missing cycles use positions
-    interpolated linearly between the known ones. In this way the path follows the device's time.
+    If packets are lost, or accumulate while this computer is busy, the missed cycles use positions
+    interpolated linearly between the known ones, so that the path follows the device's clock.
 
     Attributes:
         newest: the newest packet; None before the first one.
         position, velocity: values of this cycle, shape (dof,), rad and rad/s.
         lost: number of packets that were lost or arrived too late.
-        due: number of cycles that are still to be run, including the cycle of the newest packet.
+        due: number of cycles still to run, including that of the newest packet.
     """
 
     def __init__(self, dof: int, period_s: float) -> None:
@@ -81,15 +81,15 @@ class Beat(Generic[PacketT]):
 
 
 def smooth(share: float) -> float:
-    """A smooth step that rises from 0 at share 0 to 1 at share 1. Velocity and acceleration are zero at both
-    ends.
+    """Return a smooth step from 0 at `share` 0 to 1 at `share` 1, whose first two derivatives are zero at
+    both ends.
     """
     share = min(max(share, 0.0), 1.0)
     return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
 
 
 class CommandTransition:
-    """A transition without a jump from the position of the controller's interpolator to the commands.
+    """A smooth transition from the position of the controller's interpolator to the commands.
 
     Attributes:
         sent: the last command that was sent; None before the first one.
@@ -108,8 +108,8 @@ class CommandTransition:
         self.sent = None
 
     def begin(self, interpolator: Array, command: Array) -> None:
-        """Start the transition. The next position to send is the last one sent, or the interpolator's
-        position if none was sent. Its offset from `command` then decreases to 0.
+        """Start the transition at the last position that was sent or, if there is none, at the
+        interpolator's. The offset from the commands then decreases to 0.
         """
         self._offset = (self.sent if self.sent is not None else interpolator) - command
         self._passed_s = 0.0

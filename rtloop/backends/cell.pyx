@@ -1,8 +1,8 @@
 """The simulated arm in a cell: with a hand, parts, fixtures, belts, switches, inputs and outputs.
 
 The drives compute with the arm's own model, as they do without a cell. The simulation steps another model,
-the plant. Torques go from the drives to the plant; positions and velocities come back. So the hand, its load
-and contacts appear to the drives as external effects that their model does not include, as on a real arm.
+the plant. The drives send torques to the plant, which returns positions and velocities. So to the drives, the
+hand, its load and contacts are external effects that their model does not include, as on a real arm.
 """
 
 from libc.string cimport memcpy

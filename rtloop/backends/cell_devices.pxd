@@ -17,7 +17,7 @@ cdef struct Ray:
 cdef struct Switch:
     int kind
     int point
-    int count  # index of the point that counts; negative: none
+    int count  # index of the counter's point; negative: no counter
     int body
     double force
     Ray ray
@@ -33,17 +33,17 @@ cdef class CellDevices:
     cdef int _finger_dof[2]
     cdef double _travel[2]  # travel of each drive from closed to open, m or rad
     cdef double _inertia[2]
-    cdef double _per_travel  # share of the opening for each metre or radian of a drive
+    cdef double _per_travel  # share of the opening per metre or radian of a drive
     cdef int _last_width
-    cdef double _widths[MAX_WIDTHS]  # widths at equal steps of the opening, from closed to open
+    cdef double _widths[MAX_WIDTHS]  # widths at evenly spaced openings, from closed to open
     cdef object _gripping_array
-    cdef unsigned char* _gripping  # for each body: whether it is a part of the hand that grips
+    cdef unsigned char* _gripping  # for each body: whether it is a gripping part of the hand
     cdef int _cup
     cdef double* _turning
     cdef object _turning_array
     cdef bint _has_hand, _has_cup
     cdef int _lip  # the first ball of the cup's lip; the others follow it
-    cdef int _sucked  # the body that the cup presses against; negative: none
+    cdef int _sucked  # the body under the cup; negative: none
     cdef double _holding_n, _full_kpa, _lip_m, _evacuate_s
     cdef double _reference, _stroke_m, _closed_m, _period_s
     cdef int _still_cycles, _cycles_to_rest

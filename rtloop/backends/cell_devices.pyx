@@ -1,4 +1,4 @@
-"""The actuators and sensors in a simulated cell besides the arm: the hand or cup, the belts and the
+"""The actuators and sensors in a simulated cell other than the arm: the hand or cup, the belts and the
 switches.
 """
 
@@ -38,13 +38,13 @@ cdef enum:
 # The drives of the fingers follow the width like springs of this frequency, critically damped.
 cdef double FINGER_FREQUENCY_RAD_S = 150.0
 cdef double DRIVE_MASS = DRIVE_KG
-# The fingers are at rest when the width changes more slowly than this, or is this close to the goal.
+# The fingers are at rest if the width changes more slowly than this, or is closer to the goal than this.
 cdef double STILL_M_S = 0.001
 cdef double REACHED_M = 0.0002
-# Time after which fingers without motion count as at rest.
+# Time without motion after which the fingers are at rest.
 cdef double REST_S = 0.05
 # A cup that is not covered reaches only this share of its vacuum, because air flows in. The time constant is
-# that of the loss of the vacuum.
+# for the loss of the vacuum.
 cdef double OPEN_SHARE = 0.1
 cdef double OPEN_S = 0.01
 
@@ -177,7 +177,7 @@ cdef class CellDevices:
         return index
 
     cdef void c_drive(self) noexcept nogil:
-        """Set the forces of the fingers or the cup and the speeds of the belts for the next step."""
+        """Set the forces of the fingers or the cup, and the speeds of the belts, for the next step."""
         cdef int index
         if self._has_hand:
             self._drive_hand()
@@ -187,8 +187,8 @@ cdef class CellDevices:
             self._model.geom_surfacevel[6 * self._belt_geom[index]] = self._values[self._belt_point[index]]
 
     cdef void _drive_hand(self) noexcept nogil:
-        """Move the reference of the width to the goal at the speed of the output. The reference leads the
-        fingers at most so far that the full force acts.
+        """Move the reference of the width to the goal at the speed set by the output. It leads the fingers by
+        no more than is needed for the full force.
         """
         cdef double* position = self._data.qpos
         cdef double* velocity = self._data.qvel
@@ -196,7 +196,7 @@ cdef class CellDevices:
         cdef double step = self._values[FINGER_SPEED] * self._period_s
         cdef double width = self._width()
         cdef int place = self._step_at(self._opening())
-        # The slope of the width here, in m for the whole opening; and its ratio to the mean slope.
+        # The slope of the width at this opening, in m per full opening, and its ratio to the mean slope.
         cdef double slope = (self._widths[place + 1] - self._widths[place]) * self._last_width
         cdef double steeper = slope / (self._stroke_m - self._closed_m)
         cdef double lead = (
@@ -229,7 +229,7 @@ cdef class CellDevices:
         return moved * self._per_travel
 
     cdef int _step_at(self, double opening) noexcept nogil:
-        """The last index in the list of widths whose opening is below this one."""
+        """Return the last index in the list of widths whose opening is below `opening`."""
         return <int>min(max(opening * self._last_width, 0.0), self._last_width - 1.0)
 
     cdef double _width(self) noexcept nogil:
@@ -249,8 +249,8 @@ cdef class CellDevices:
     cdef void _suck(self) noexcept nogil:
         """Update the vacuum, and press the cup and the body under it against each other.
 
-        The air pressure acts on both in the middle of the lip, whose contacts carry this force. So a part
-        comes off if the arm pulls with a larger force, and slides if friction is too small.
+        The air pressure acts on both at the centre of the lip, whose contacts carry the force. So a part
+        comes off if the arm pulls with a larger force, and slides if there is too little friction.
         """
         cdef int body = -1, balls = self._covered(&body)
         cdef double share = self._values[VACUUM] / self._full_kpa, aim = 0.0, time_s = OPEN_S
@@ -269,7 +269,7 @@ cdef class CellDevices:
             self._press(body, -share * self._holding_n)
 
     cdef int _covered(self, int* body) noexcept nogil:
-        """The number of balls of the lip that touch the body with most contacts, and that body."""
+        """Return how many balls of the lip touch the body that most of them touch, and that body."""
         cdef const int* body_of = self._model.geom_bodyid
         cdef int touched[LIP_BALLS]
         cdef int index, ball, side, other, count, most = 0
@@ -289,7 +289,7 @@ cdef class CellDevices:
         return most
 
     cdef void _press(self, int body, double force_n) noexcept nogil:
-        """Apply a force to a body along the cup's axis, in the middle of the cup's lip."""
+        """Apply a force to a body along the cup's axis, at the centre of the cup's lip."""
         cdef const double* turn = self._data.xmat + 9 * self._cup
         cdef const double* cup = self._data.xpos + 3 * self._cup
         cdef double* force = self._data.xfrc_applied + 6 * body
@@ -303,12 +303,13 @@ cdef class CellDevices:
         force[5] = lever[0] * force[1] - lever[1] * force[0]
 
     cdef void c_keep_grasp(self) noexcept nogil:
-        """Make held parts turn with the hand. Called between the two halves of a step of the plant.
+        """Make held parts follow the rotation of the hand. Called between the two halves of a step of the
+        plant.
 
         A contact of MuJoCo controls sliding through the acceleration J dv/dt of one body relative to the
         other. The true acceleration is J dv/dt + dJ/dt v. In a hand on an arm, dJ/dt v is the centripetal
-        acceleration, some m/s². If it is neglected, the part creeps outwards by about 0.1 mm in each
-        transport.
+        acceleration, a few m/s². If it is neglected, the part creeps outwards by about 0.1 mm each time it is
+        carried.
         """
         cdef const int* body_of = self._model.geom_bodyid
         cdef int index, first, second
@@ -327,7 +328,7 @@ cdef class CellDevices:
         slide.
 
         A contact damps sliding u = J v by the rate b: J v after a step of h is u - h (b u + share dJ/dt v),
-        and dJ/dt v adds h dJ/dt v to u before the next one. In the steady state there is no sliding in the
+        and dJ/dt v adds h dJ/dt v to u before the next one. In the steady state, there is no sliding at the
         middle of a step if the share is 1 - h b / 2.
         """
         cdef double step = self._model.opt.timestep

@@ -13,15 +13,17 @@ from rtloop.backends import BackendError
 MAX_AT_ONCE = 256
 """Maximum number of packets that are read from the socket at once."""
 RELEASE_S = 1.0
-"""Time without packets after which the controller may have restarted and may send from another port, s."""
+"""Time without packets after which packets from another port of the controller are accepted, because it may
+have restarted, s.
+"""
 
 
 class PacketChannel(Protocol):
-    """Interface that receives a controller's packets and sends the answers.
+    """Interface for receiving a controller's packets and sending the answers.
 
     Attributes:
-        strangers: number of packets that were ignored because they came from other addresses than the
-            controller's.
+        strangers: number of packets that were ignored because they did not come from the controller's
+            address.
     """
 
     strangers: int
@@ -42,8 +44,8 @@ class PacketChannel(Protocol):
 class UdpChannel:
     """A `PacketChannel` over the UDP socket that a controller sends to.
 
-    The first sender of a valid packet counts as the controller. If `address` is given, that sender must have
-    this address. From then on, packets from all other addresses are ignored.
+    The first sender of a valid packet is taken to be the controller. If `address` is given, the sender must
+    have this address. From then on, packets from other addresses are ignored.
     """
 
     def __init__(
@@ -60,7 +62,7 @@ class UdpChannel:
 
         Args:
             is_valid: function that returns whether a packet may come from a controller.
-            max_packet: maximum size of a packet, in bytes. Longer packets are cut off one byte above it, so
+            max_packet: maximum size of a packet, in bytes. Longer packets are cut off after one more byte, so
                 that they can be detected.
 
         Raises:
@@ -81,13 +83,13 @@ class UdpChannel:
 
     def receive(self, timeout_s: float) -> list[bytes]:
         packets: list[bytes] = []
-        # Not poll: it counts whole milliseconds, which is longer than a period.
+        # Not poll, whose timeout is in whole milliseconds, which may be longer than a period.
         if not select.select([self._socket], [], [], max(timeout_s, 0.0))[0]:
             return packets
         for _ in range(MAX_AT_ONCE):
             try:
                 packet, sender = self._socket.recvfrom(self._max_packet + 1)
-            except OSError:  # no more packets, or an error that an answer to a closed port has left behind
+            except OSError:  # no more packets, or an error because an earlier answer went to a closed port
                 break
             if self._counts(packet, sender):
                 packets.append(packet)
@@ -115,7 +117,7 @@ class UdpChannel:
             if self._controller is not None and now_s - self._heard_s < RELEASE_S:
                 return False
             if not self._is_valid(packet):
-                return self._controller is None  # the report names this packet
+                return self._controller is None  # the packet can be shown in a report
             self._controller, self._address = sender, sender[0]
         self._heard_s = now_s
         return True

@@ -1,4 +1,4 @@
-"""The common parts of the cycle and a compiled backend: the measured values, and reading and writing without
+"""What the cycle and a compiled backend have in common: the measured values, and reading and writing without
 Python.
 """
 
@@ -28,7 +28,8 @@ cdef class Measured:
             start = end
 
     def __setattr__(self, name: str, value: object) -> None:
-        # `measured.position += offset` assigns too, so the array must stay the same part of the buffer.
+        # `measured.position += offset` is an assignment, too. It must not replace the array, which is a view
+        # of the buffer.
         kept, given = getattr(self, name), np.asarray(value)
         if given.shape != kept.shape:
             raise ValueError(f"measured.{name} is given the shape {given.shape}, it has to be {kept.shape}")
@@ -37,7 +38,7 @@ cdef class Measured:
 
 cdef class CompiledBackend:
     def __cinit__(self, *_, **__) -> None:
-        # Whether a Python subclass overrides `read` or `write`; then its method is called in each cycle.
+        # Whether a Python subclass overrides `read` or `write`. If so, that method is called in each cycle.
         self.read_in_python = isinstance(getattr(type(self), "read", None), FunctionType)
         self.write_in_python = isinstance(getattr(type(self), "write", None), FunctionType)
 
@@ -48,7 +49,7 @@ cdef class CompiledBackend:
         return self.c_write(doubles(command, 3 * self._dof)) == 0
 
     cdef double* _values_of(self, Measured measured) except NULL:
-        """The values as an array in C. Raises ValueError: they belong to an arm with another number of
+        """Return the values as a C array. Raises ValueError if they are for an arm with a different number of
         joints.
         """
         if measured.dof != self._dof:

@@ -29,8 +29,7 @@ MAX_STEP_S = 0.001
 """Maximum step of the simulated cell, s."""
 FOLLOW_RAD_S = 40.0
 """Frequency of the critically damped filter between the reported joints and the cell's arm, rad/s. The
-positions of polled devices change in steps. Without the filter these steps would act on a held part as
-forces.
+positions of polled devices change in steps, which would act as forces on a held part without the filter.
 """
 NOTE = "hand, parts, switches and contact forces are simulated next to it (robot.backend.simulator)"
 
@@ -81,10 +80,10 @@ class DeviceInCell:
         self.device.open(initial_position)
 
     def read(self, measured: Measured) -> None:
-        measured.wrench[:] = 0.0  # the device may not fill in this row
+        measured.wrench[:] = 0.0  # the device may leave this row unset
         self.device.read(measured)
         if not np.isfinite(measured.joints[:2]).all():
-            return  # the cycle detects this
+            return  # the cycle checks for this itself
         self._place[:], self._speed[:] = measured.position, measured.velocity
         if not self._begun:
             self._begin()
@@ -92,7 +91,7 @@ class DeviceInCell:
         measured.wrench += self._felt.wrench
 
     def write(self, command: Array) -> None:
-        self.device.write(command)  # first: it may be the answer to a packet
+        self.device.write(command)  # the device first, because this may be the answer to a packet
         if self._begun:
             self._follow()
 
@@ -107,8 +106,8 @@ class DeviceInCell:
         return replace(own, text=f"{own.text}; {NOTE}" if own.text else NOTE)
 
     def io(self) -> Sequence[IoPoint]:
-        """Return the inputs and outputs of the device and of the cell. If a name exists in both, only the one
-        in the cell is used, so a real input may have the same name as its simulated switch.
+        """Return the inputs and outputs of the device and of the cell. If a name exists in both, only the
+        cell's is used, so that a simulated switch can replace the real input of the same name.
         """
         own = self.device.io() if hasattr(self.device, "io") else ()
         return *(point for point in own if point.name not in self._names), *self._cell.io()
@@ -126,8 +125,8 @@ class DeviceInCell:
         raise BackendError(f"there is no input {name!r}")
 
     def _with(self, name: str) -> Any:
-        """Return the device or the cell, depending on where this input or output exists. An unknown name is
-        passed to the cell, which rejects it.
+        """Return the device or the cell, whichever has this input or output. Unknown names go to the cell,
+        which rejects them.
         """
         is_of_device = name not in self._names and hasattr(self.device, "io")
         return self.device if is_of_device else self._cell

@@ -1,4 +1,4 @@
-"""Inputs and outputs of a device that executes whole motions. The thread that polls the device exchanges
+"""Inputs and outputs of a device that executes whole motions. The thread that polls the device also transfers
 their values.
 """
 
@@ -15,7 +15,7 @@ log = logging.getLogger("cobot.rtloop")
 
 
 class DrivenIo:
-    """Inputs and outputs as in `HasIo`, without ever delaying a cycle."""
+    """Inputs and outputs as in `HasIo`, which never delay a cycle."""
 
     def __init__(self, device: HasIo) -> None:
         self._device = device

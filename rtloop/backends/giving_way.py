@@ -1,5 +1,5 @@
-"""Torques that make an arm compliant, for arms whose controller compensates gravity. The springs of the
-simulation calculate them from the measured state.
+"""Torques that make an arm compliant, for arms whose controller compensates gravity. They are calculated from
+the measured state, with the springs of the simulation.
 """
 
 from __future__ import annotations
@@ -50,15 +50,15 @@ class GivingWay:
         self._springs.use(impedance)
 
     def use(self, impedance: Impedance) -> None:
-        """Use the springs of this impedance from the next cycle on."""
+        """Use this impedance from the next cycle on."""
         self._springs.use(impedance)
 
     def torques(self, command: Array, position: Array, velocity: Array) -> Array:
         """Return the torques to command in this cycle, shape (dof,), N·m. They do not include gravity, which
         the robot compensates itself.
 
-        The torques never change faster than the robot permits. If a measured value is not finite, the springs
-        exert no torque, and the commanded torques fade out.
+        The torques never change faster than the robot permits. If a measured value is not finite, the
+        springs' torques are zero, and the commanded torques fade out.
 
         Args:
             command: commanded position, velocity and acceleration, shape (3, dof).

@@ -1,4 +1,4 @@
-"""A wrapper that converts all errors of a backend to `BackendError` with printable text, because a foreign
+"""A wrapper that converts all errors of a backend to a `BackendError` with printable text. A third-party
 class or its SDK may raise any exception.
 """
 
@@ -31,11 +31,10 @@ class ForeignError(BackendError):
 
 
 class Guarded:
-    """A wrapper with the methods and attributes of its backend. The compiled backends are called without it.
+    """A wrapper with the methods and attributes of its backend. Compiled backends are not wrapped.
 
     Raises:
-        ForeignError: raised by each method instead of any other exception. The traceback of that exception is
-            logged once.
+        ForeignError: raised by each method in place of any other exception, whose traceback is logged once.
     """
 
     def __init__(self, inner: Backend) -> None:

@@ -9,7 +9,7 @@ cdef class MujocoBackend(CompiledBackend):
     cdef int _tcp, _tcp_body
     cdef const mjModel* _c_model
     cdef mjData* _c_data
-    cdef mjData* _sensed  # the data with the sensors that are read
+    cdef mjData* _sensed  # the data whose sensors are read
     cdef object _robot, _base
     cdef readonly object _model, _data, _position
     cdef readonly object nominal_stiffness, nominal_cartesian_stiffness
@@ -19,11 +19,11 @@ cdef class MujocoBackend(CompiledBackend):
     cdef double* _c_jacobian
     cdef Observer _observer
     cdef Springs _springs
-    cdef object _losses  # damping and dry friction of the model's file, each of shape (dof,)
+    cdef object _losses  # damping and dry friction from the model's file, each of shape (dof,)
     cdef double _command[3 * MAX_DOF]
     cdef double _pull[MAX_DOF]
     cdef bint _yielding  # whether an impedance is set
-    cdef bint _changing  # whether another impedance takes effect with the next command
+    cdef bint _changing  # whether a different impedance takes effect with the next command
     cdef readonly object _transition
     cdef double* _c_transition
     cdef double _transition_from[MAX_DOF]

@@ -7,12 +7,12 @@ In position control the drives get the computed torque in each cycle,
 clamped to the effort limits. Every arm then has the frequency w and the damping ratio z in every posture and
 with every payload, so the stability in a cycle of 1 ms does not depend on masses. Springs with a fixed
 stiffness do not have this property: with dampers for the inertia of one posture, or even for the current
-diagonal of M, light arms and coupled axes diverge. The efforts are those at the gears' output. The drives
-compensate the model's dry friction and damping, so neither slows the arm down.
+diagonal of M, light arms and coupled axes become unstable. Efforts are measured at the output of the gears.
+The drives compensate the model's dry friction and damping, so neither slows the arm down.
 
 With an `Impedance` the drives get M(q) ddq_cmd + bias + friction + springs instead, and friction and damping
-act on the arm. With the torque sensors at the gears' output, the drives compensate most of the dry friction
-of the last cycle.
+act on the arm. The drives, which have torque sensors at the output of the gears, compensate most of the dry
+friction of the last cycle.
 
 Each `write` advances drives, dynamics and sensors by one period (`_step`); `read` reports the state after it.
 """
@@ -58,12 +58,12 @@ from rtloop.backends import BackendError
 # of a 1 kHz cycle, so a discrete controller is far from unstable.
 cdef double NATURAL_FREQUENCY_RAD_S = 60.0
 cdef double DAMPING_RATIO = 0.7
-# Share of the measured dry friction that is compensated. If all of it were, a joint would have no friction.
+# Share of the measured dry friction that is compensated. At 1, a joint would have no friction.
 cdef double FRICTION_SHARE = 0.9
 # Duration of the transition to another impedance.
 cdef double TRANSITION_S = 0.1
-# A pull at a link acts like a spring with a damper, as a hand does. No joint is loaded with more than this
-# share of its effort limit.
+# A pull at a link acts like a hand: as a spring with a damper. It loads no joint with more than this share of
+# its effort limit.
 cdef double PULL_N_M = 300.0
 cdef double PULL_NS_M = 40.0
 cdef double MAX_PULL_N = 50.0
@@ -83,7 +83,8 @@ cdef class MujocoBackend(CompiledBackend):
         self._model.opt.timestep = settings.rt.period_s
         self._model.actuator_ctrlrange[:] = np.stack([-limits.max_effort, limits.max_effort], axis=1)
         self._data = mujoco.MjData(self._model)
-        mujoco.set_mjcb_time(None)  # MuJoCo's timers are not used, and each of them would read the clock.
+        # Switch off MuJoCo's timers, which are not used. Each of them would read the clock.
+        mujoco.set_mjcb_time(None)
         self._c_model, self._c_data = model_of(self._model), data_of(self._data)
         self._sensed = self._c_data
         self._position = self._data.qpos
@@ -136,14 +137,14 @@ cdef class MujocoBackend(CompiledBackend):
             raise BackendError(self._drive_fault)
 
     def set_tool(self, tool: object) -> None:
-        # Torque and motion of the next step follow from the same masses, so the arm does not move.
+        # The next step calculates torques and motion from the same masses, so the arm does not move.
         self._robot.carry(tool)
         mujoco.mj_kinematics(self._model, self._data)
         self._find_sensors()
 
     def set_impedance(self, impedance: object) -> None:
-        # The torque does not change: the difference between the springs, and between the commands, becomes a
-        # term that fades. It also fades if an impedance is set in each cycle, but more slowly.
+        # The torque does not jump: the difference between the springs, and between the commands, becomes a
+        # term that fades out. If an impedance is set in each cycle, it fades more slowly.
         cdef int i
         if not self._changing:
             self._find_pull()
@@ -162,7 +163,7 @@ cdef class MujocoBackend(CompiledBackend):
 
     def write(self, command: object) -> None:
         if self._write_fails:
-            self._data.qvel[:] = 0.0  # a robot without commands applies its brakes
+            self._data.qvel[:] = 0.0  # a robot that gets no commands applies its brakes
             raise BackendError(self._fail_write)
         self._step(doubles(command, 3 * self._dof))
 
@@ -192,7 +193,7 @@ cdef class MujocoBackend(CompiledBackend):
         self._pull_left = min(self._pull_left, 1)  # the next cycle clears the force
 
     cdef int _body_of(self, str link) except -1:
-        """The body of a link that the joints move, in the stepped model."""
+        """Return the body of a link that the joints move, in the stepped model."""
         bodies = [body for body in range(self._model.nbody) if self._model.body_weldid[body]]
         names = [self._model.body(body).name for body in bodies]
         if link not in names:
@@ -201,7 +202,7 @@ cdef class MujocoBackend(CompiledBackend):
 
     @property
     def _stepped(self):
-        """The model that the simulation steps."""
+        """Return the model that the simulation steps."""
         return self._model
 
     @property
@@ -267,7 +268,7 @@ cdef class MujocoBackend(CompiledBackend):
         memcpy(values, self._reported.c_values, count_measured(self._dof) * sizeof(double))
 
     cdef void _step(self, const double* command) noexcept nogil:
-        """Advance by one period. M, bias and torque are those at its beginning."""
+        """Advance by one period. M, bias and torque are those at the beginning of the period."""
         mj_step1(self._c_model, self._c_data)
         self._find_torques(command)
         self._push_on(self._c_data, self._tcp_body)
@@ -276,7 +277,7 @@ cdef class MujocoBackend(CompiledBackend):
         self._observer.c_update()
 
     cdef void _find_torques(self, const double* command) noexcept nogil:
-        """Calculate the drives' torques into the data's `ctrl`."""
+        """Calculate the drives' torques, and write them to the data's `ctrl`."""
         cdef mjData* data = self._c_data
         cdef double inertia[MAX_DOF]
         cdef int i, dof = self._dof
@@ -323,7 +324,7 @@ cdef class MujocoBackend(CompiledBackend):
             )
 
     cdef void _pull_stiffly(self) noexcept nogil:
-        """Calculate the torques of position control. MuJoCo's velocity is the mean of the last period: the
+        """Calculate the torques of position control. MuJoCo's velocity is the mean over the last period: the
         distance divided by the duration.
         """
         cdef const double* position = self._c_data.qpos
@@ -379,7 +380,7 @@ cdef class MujocoBackend(CompiledBackend):
         force[5] += lever[0] * force[1] - lever[1] * force[0]
 
     cdef void _pull_on(self, const mjModel* model, mjData* data) noexcept nogil:
-        """The force of a hand that pulls at a link, as joint efforts; zero after the end of the pull."""
+        """Calculate the joint efforts of a hand that pulls at a link; zero after the end of the pull."""
         cdef double* effort = self._c_pull_effort
         cdef double point[3]
         cdef double force[3]
@@ -436,7 +437,8 @@ cdef class MujocoBackend(CompiledBackend):
         self._read_sensors(values + 6)
 
     cdef void _read_sensors(self, double* wrench) noexcept nogil:
-        """The wrench of the flange's sensors about the TCP, in the TCP frame; zero without sensors."""
+        """Calculate the wrench of the flange's sensors about the TCP, in the TCP frame; zero without
+        sensors."""
         cdef double readings[6]
         cdef double product
         cdef int row, i

@@ -5,11 +5,11 @@ from cobot.robot.mujoco cimport mjData, mjModel
 cdef class Observer:
     cdef const mjModel* _model
     cdef mjData* _data
-    cdef mjData* _solved  # the data with the dry friction that is used
-    cdef object _owners  # the objects that own the memory at these addresses
+    cdef mjData* _solved  # the data from which the dry friction is taken
+    cdef object _owners  # the objects that own the memory of these pointers
     cdef int _dof
     cdef double _before[MAX_DOF]
-    cdef double _change[MAX_DOF]  # change of the velocity in the last period
+    cdef double _change[MAX_DOF]  # change in velocity over the last period
     cdef double _share, _rate_hz
     cdef const double* _jacobian
     cdef readonly object effort, wrench, friction

@@ -17,10 +17,10 @@ from cobot.arrays cimport MAX_DOF, checked_dof, doubles
 from cobot.robot.linear cimport cholesky_solve
 from cobot.robot.mujoco cimport data_of, mj_mulM, model_of
 
-# 1/s: the estimate has 63 % of a push after 10 ms, 99 % within 50 ms.
+# 1/s: the estimate reaches 63 % of a push after 10 ms and 99 % within 50 ms.
 cdef double GAIN_HZ = 100.0
-# Singular value of the Jacobian at which half of a force is estimated. The part that the joints' torques do
-# not show is omitted, not guessed.
+# Singular value of the Jacobian at which half of a force is estimated. Components that the joint torques do
+# not show are estimated as zero.
 cdef double MIN_SINGULAR = 0.01
 
 
@@ -40,7 +40,7 @@ cdef class Observer:
         self.reset()
 
     def solve_by(self, data: object) -> None:
-        """Take the dry friction from the data of a larger model, whose first joints are those of the arm."""
+        """Take the dry friction from the data of a larger model, whose first joints are the arm's."""
         self._owners = *self._owners, data
         self._solved = data_of(data)
 

@@ -14,14 +14,14 @@
     HasCell              a simulation with loose parts
     Simulated            a simulation that can be pulled and begun again
 
-A device that does not take a command in each cycle, because it is slower or does its own planning, implements
-a different protocol. `rtloop.backends.trajectory_driver` drives it as a `Backend`:
+A device that does not accept a command in each cycle, because it is slower or does its own planning,
+implements a different protocol. `rtloop.backends.trajectory_driver` makes it a `Backend`:
 
     TrajectoryDevice     takes whole motions: load, start, progress, stop, state
 
-A backend's class declares the device's `capabilities`, its options as `Options`, the package that its
-instances import as `sdk`, and with `contract_rig` the simulated device on which the contract runs
-(`rtloop.contract.rig`). docs/your-backend.md is the guide.
+A backend's class declares the device's `capabilities`, its `Options`, the package `sdk` that its instances
+import, and with `contract_rig` the simulated device for the contract checks (`rtloop.contract.rig`).
+docs/your-backend.md is the guide.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ from rtloop.results import Accepted, Rejected
 
 
 class BackendError(Exception):
-    """Raised if a device does not answer, rejects a request or reports a fault. The user sees the text as the
-    reason.
+    """Raised if a device does not answer, rejects a request or reports a fault. Its text is shown to users as
+    the reason.
     """
 
 
@@ -68,7 +68,7 @@ class BackendOptions(BaseModel):
     simulator: bool = False
 
     def remote_setting(self, settings: Settings) -> str:
-        """Return the setting that may place the device on another computer, with its value; "" if the device
+        """Return the setting, with its value, that may place the device on another computer; "" if the device
         is on this one. A class overrides this if its option is not named `address`.
         """
         if "address" not in type(self).model_fields:
@@ -80,13 +80,14 @@ class BackendOptions(BaseModel):
 class Backend(Protocol):
     """A robot arm that takes a joint command in each cycle.
 
-    The constructor is called with (settings, limits). `open`, `enable`, `disable` and `close` may block. In a
-    reset `enable` blocks the cycle, so a device that may not answer is `Stepwise`. `read` and `write` are
-    called in each cycle and must be real-time safe: they take a bounded time, do not allocate memory
-    deliberately, and perform no input or output except with the device. Each method may raise BackendError.
+    The constructor is called with (settings, limits). `open`, `enable`, `disable` and `close` may block.
+    During a reset, `enable` blocks the cycle, so a device that may not answer must be `Stepwise`. `read` and
+    `write` are called in each cycle and must be real-time safe: they take a bounded time, do not allocate
+    memory deliberately, and perform no input or output except with the device. Each method may raise
+    BackendError.
 
-    A class may define an attribute `capabilities` of type `Capabilities`. Without it the backend counts as a
-    simulation that measures everything and can be driven with any period. A class may also define an
+    A class may define an attribute `capabilities` of type `Capabilities`. Without it, the backend is assumed
+    to be a simulation that measures everything and works with any period. A class may also define an
     attribute `Options`, a pydantic model (`BackendOptions`). `settings.backend_options(Options)` returns an
     instance of it. `cobot backend test` checks a backend against this contract.
     """
@@ -126,11 +127,11 @@ class Paced(Protocol):
         """Wait for the device's next packet. If several are queued, the newest one is used.
 
         A packet starts a cycle: `read` and `write` are called, and the path advances by one period. Without a
-        packet, only `read` is called, and it raises a BackendError if no packet has arrived for too long.
-        Then nothing is written and no path advances.
+        packet, only `read` is called; the path does not advance. It raises a BackendError if no packet has
+        arrived for too long.
 
         Returns:
-            Whether a packet has arrived; False after `timeout_s`, never before.
+            Whether a packet has arrived. False is returned after `timeout_s`, never earlier.
 
         Raises:
             BackendError: the connection is lost; rtloop uses its own clock until `wait` works again.
@@ -143,7 +144,7 @@ class Reporting(Protocol):
     """A device that reports its status."""
 
     def status(self) -> DeviceStatus:
-        """Return the current status. Called several times a second, between two cycles; must not wait for the
+        """Return the current status. Called several times a second, between cycles; must not wait for the
         device.
         """
         ...
@@ -154,12 +155,12 @@ class Stepwise(Protocol):
     """A device that needs several cycles to be enabled or to recover from a fault. Its packets are answered
     in the meantime.
 
-    For a reset rtloop calls `wait`, `read`, one step and `write` (of the current position) in each cycle,
-    instead of `enable`. `enable` is called once, at the start, before the first cycle.
+    For a reset, rtloop does not call `enable`. Instead, it calls `wait`, `read`, one step and `write` (of the
+    current position) in each cycle. `enable` is called once, at the start, before the first cycle.
     """
 
     def enable_step(self) -> bool:
-        """Perform one step of `enable`. Return True when enabling is done. Raises a BackendError with the
+        """Perform one step of `enable`. Returns True when enabling is done. Raises a BackendError with the
         reason if it fails.
         """
         ...
@@ -179,7 +180,7 @@ class SwitchesOffLater(Protocol):
     """A device whose `disable` may return before the drives are off."""
 
     def is_switching_off(self) -> bool:
-        """Whether drives that `disable` has to switch off may still be on. Real-time safe."""
+        """Whether the drives may still be on after `disable`. Real-time safe."""
         ...
 
 
@@ -214,34 +215,34 @@ class ImpedanceControlled(Protocol):
 
     def set_impedance(self, impedance: Impedance | None) -> None:
         """Use this impedance from the next cycle on; None for position control. The arm is at rest. Must be
-        real-time safe, or delay only a few cycles.
+        real-time safe, or delay the cycle by a few periods at most.
 
         Raises:
-            BackendError: the robot rejects the impedance. If this happens at the beginning of a session, the
-                session is rejected; at its end it is a fault.
+            BackendError: the robot rejects the impedance. At the beginning of a session, the session is then
+                rejected; at its end, this is a fault.
         """
         ...
 
 
 @runtime_checkable
 class GuidedByHand(Protocol):
-    """A backend whose device itself can release the arm, so that a person guides it by hand without
+    """A backend whose device can release the arm itself, so that a person can guide it by hand without
     springs.
     """
 
     def begin_guiding(self) -> None:
-        """Make the device release the arm, which is at rest, at the next `write`. Until `follow_commands` is
-        called, each command is the measured position, and the device must not follow it.
+        """Make the device release the arm, which is at rest, with the next `write`. Until `follow_commands`
+        is called, each command is the measured position, which the device must not follow.
 
         Raises:
-            BackendError: the device does not permit guiding. The arm is still held.
+            BackendError: the device does not permit guiding. The device still holds the arm.
         """
         ...
 
     def end_guiding(self) -> None:
         """Make the device hold the arm at its current position from the next `write` on. Real-time safe; does
-        nothing if the arm is already held. If `write` is no longer called, the device must hold the arm by
-        itself, because rtloop may have been killed.
+        nothing if the arm is already held. If `write` is no longer called, the device must hold the arm on
+        its own, because rtloop may have been killed.
         """
         ...
 
@@ -282,7 +283,7 @@ class CarriesTool(Protocol):
 
     def set_tool(self, tool: Tool) -> None:
         """Use this tool from the next cycle on. Called before `open`, if there is a tool, and later while the
-        arm is at rest. The call may delay a few cycles, and must not move the arm.
+        arm is at rest. The call may delay the cycle by a few periods, and must not move the arm.
 
         Raises:
             BackendError: the robot cannot carry the tool; nothing has changed.
@@ -299,14 +300,14 @@ class HasIo(Protocol):
     """
 
     def io(self) -> Sequence[IoPoint]:
-        """Return all inputs and outputs as last reported by the device. Called at the same times as
-        `Reporting.status`.
+        """Return all inputs and outputs as last reported by the device. Called whenever `Reporting.status` is
+        called.
         """
         ...
 
     def set_output(self, name: str, value: float) -> None:
-        """Request to set an output of `io` at the next `write` or soon after it. The output counts as set
-        once `io` reports the value. Called between two cycles; must not wait for the device.
+        """Request to set an output of `io` with the next `write` or soon after it. The output is set once
+        `io` reports the value. Called between cycles; must not wait for the device.
 
         Args:
             value: a value that fits the output's kind, see `cobot.robot.io_points`; 0 or 1 for a boolean.
@@ -341,25 +342,25 @@ class HasCell(Protocol):
 
     def reset_cell(self) -> None:
         """Reset the parts, the hand, the outputs and the counters to their initial state. The arm stays where
-        it is. Called between two cycles.
+        it is. Called between cycles.
         """
         ...
 
 
 @runtime_checkable
 class Simulated(Protocol):
-    """A simulated arm that people can reset and pull for experiments. A backend for a real robot must not
-    implement these methods.
+    """A simulated arm that users can reset and pull for experiments. A backend for a real robot must not
+    implement this protocol.
     """
 
     def restart(self, initial_position: Array) -> None:
-        """Put the arm at rest at this position, and reset its cell to the initial state. Called between two
+        """Put the arm at rest at this position, and reset its cell to the initial state. Called between
         cycles while nothing moves.
         """
         ...
 
     def pull(self, link: str, point: Array, target: Array) -> None:
-        """Pull at a point on a link with a spring, as a hand does, for 0.2 s or until the next call. This has
+        """Pull at a point on a link with a spring, as a hand does, for 0.2 s or until the next call. It has
         an effect only while the arm has an impedance. The force is limited.
 
         Args:
@@ -394,12 +395,11 @@ class ReadsInputs(Protocol):
 
 @runtime_checkable
 class TrajectoryDevice(Protocol):
-    """A robot arm that takes a whole motion at a time and executes it autonomously, used instead of a
-    `Backend`.
+    """A robot arm that accepts whole motions and executes them autonomously, used instead of a `Backend`.
 
     The constructor and the attributes are the same as for a `Backend`. The class may also implement
     `Reporting`, `CarriesTool` and `HasIo`. Each method may raise BackendError and may wait for the device for
-    some tenths of a second; `enable` may wait for seconds. A thread calls the methods one at a time. Only
+    a few tenths of a second, `enable` even for seconds. A thread calls the methods one at a time; only
     `set_tool` and `disable` are called in the cycle, while nothing moves.
 
     Two attributes are optional: `state_period_s`, the interval at which the device is polled (0.05), and
@@ -417,7 +417,7 @@ class TrajectoryDevice(Protocol):
     def close(self) -> None: ...
 
     def state(self, measured: Measured) -> None:
-        """Fill in the current measured values. Raises a BackendError with the reason if the device has
+        """Fill in the current measured values. Raises a BackendError, with the reason, if the device has
         stopped unexpectedly.
         """
         ...
@@ -440,12 +440,12 @@ class TrajectoryDevice(Protocol):
 
     def progress(self) -> float:
         """Return how much of the motion has been executed, in motion time, s. On arrival this is the last
-        value of `times_s`. If the device slows down, it advances more slowly than a clock.
+        value of `times_s`. If the device slows down, the progress advances more slowly than a clock.
         """
         ...
 
     def stop(self) -> None:
-        """Stop the arm, on the path if possible. Also called if nothing moves."""
+        """Stop the arm, on the path if possible. Also called when nothing moves."""
         ...
 
 
@@ -470,7 +470,7 @@ class MovesByItself(Protocol):
         ...
 
     def is_halted(self) -> bool:
-        """Whether the stop has been sent, or cannot be sent. From then on the measured position is valid."""
+        """Whether the stop has been sent or cannot be sent. Once it has, the measured position is valid."""
         ...
 
 
@@ -482,12 +482,12 @@ SIMULATED = Capabilities()
 
 
 def capabilities_of(backend: object) -> Capabilities:
-    """Return the capabilities of a backend or its class. Implementing some of the protocols implies a
-    capability.
+    """Return the capabilities of a backend or its class. Some capabilities follow from the protocols that the
+    backend implements.
 
     Raises:
-        ConfigError: the attribute `capabilities` is not a `Capabilities`. On a class it may be a
-            descriptor that is meant for instances.
+        ConfigError: the attribute `capabilities` is not a `Capabilities`. On a class, it may be a descriptor
+            that works only on instances.
     """
     capabilities = getattr(backend, "capabilities", SIMULATED)
     if isinstance(backend, type) and hasattr(capabilities, "__get__"):

@@ -8,8 +8,8 @@ from collections import deque
 from collections.abc import Iterator
 
 MAX_WAIT_S = 2.0
-"""Maximum waiting time of an output, s. An output that waits longer is dropped: the device hangs, and people
-no longer expect the output to change once the device answers again.
+"""Maximum time that an output waits, s. After that it is dropped: the device hangs, and a late change of the
+output would be unexpected.
 """
 
 log = logging.getLogger("cobot.rtloop")

@@ -27,7 +27,7 @@ REGISTRY = Registry(
     },
 )
 WITH_CELL = {"mujoco": "rtloop.backends.cell:CellBackend"}
-"""The backends that simulate a cell themselves, by the name of the corresponding backend without a cell."""
+"""Backends that simulate a cell themselves, by the name of the corresponding backend without a cell."""
 AROUND = "rtloop.backends.device_in_cell:DeviceInCell"
 """The class that simulates a cell around the arm of any other backend."""
 NOT_HERE = (
@@ -57,7 +57,7 @@ def make_backend(settings: Settings, limits: JointLimits) -> Backend:
     Raises:
         ConfigError: the class does not exist, an option is invalid, the period is not supported, a simulator
             may be on another computer, or the class cannot be instantiated.
-        BackendError: raised by the backend.
+        BackendError: any error that the backend raises.
     """
     name = settings.robot.backend.type
     has_cell = cell_of(settings) is not None
@@ -80,12 +80,12 @@ def make_backend(settings: Settings, limits: JointLimits) -> Backend:
         return made
     except (BackendError, ConfigError, KeyboardInterrupt):
         raise
-    except BaseException as exc:  # a foreign class may raise anything
+    except BaseException as exc:  # a third-party class may raise anything
         raise REGISTRY.unloadable(name, exc) from exc
 
 
 def _no_cell(name: str, settings: Settings) -> str:
-    """Return the reason why a cell cannot be simulated around this device."""
+    """Return the reason why a cell cannot be simulated around this device; "" if it can."""
     what, instead = "robot.cell", "set robot.cell to null"
     if settings.robot.cell is None:
         what, instead = "robot.gripper", "name the real gripper, or set robot.gripper to null"

@@ -7,7 +7,7 @@ cdef class Springs:
     cdef const mjModel* _model
     cdef mjData* _data
     cdef Chain _chain
-    cdef object _owners  # the objects that own the memory at these addresses
+    cdef object _owners  # the objects that own the memory of these pointers
     cdef int _dof
     cdef const double* _jacobian
     cdef object _unit

@@ -8,11 +8,11 @@ Cartesian impedance, with the pose error e and the apparent inertia at the TCP, 
 
     tau = J' (K e + D J (dq_cmd - dq)) + (1 - J' L J M⁻¹) tau_null
 
-The second term lets springs on the joints act where they do not accelerate the TCP (Khatib 1987). D is found
-along the axes in which K and the inertia, M or L, are both diagonal (double diagonalisation: Albu-Schäffer,
-Ott, Frese and Hirzinger, ICRA 2003). No configuration is damped less than requested, and none so much that a
-1 kHz cycle becomes unstable. A damper for the diagonal of M alone would be unstable with coupled axes, such
-as the parallel ones of a UR.
+The second term lets springs on the joints act where they do not accelerate the TCP (Khatib 1987). D is
+calculated along the axes in which K and the inertia, M or L, are both diagonal (double diagonalisation:
+Albu-Schäffer, Ott, Frese and Hirzinger, ICRA 2003). In any configuration the damping is at least the
+requested one, but never so high that a 1 kHz cycle becomes unstable. A damper for the diagonal of M alone
+would be unstable with coupled axes, such as the parallel axes of a UR.
 """
 
 from libc.math cimport sqrt
@@ -26,22 +26,22 @@ from cobot.robot.mujoco cimport data_of, mj_solveM, mju_rotVecQuat, mju_subQuat,
 # The stiffest springs have this frequency with the smallest inertia that acts on them. A 1 kHz cycle becomes
 # unstable only above ten times that stiffness.
 NOMINAL_FREQUENCY_RAD_S = 100.0
-# Largest ratio between the inertia that counts for a joint, and its inertia while its neighbours are free.
+# Maximum ratio between the inertia assumed for a joint and its inertia with its neighbours free.
 MAX_COUPLING = 2.0
-# Number of postures among which the smallest inertia is found.
+# Number of postures that are searched for the smallest inertia.
 POSTURES = 200
-# The springs of the null space have this share of the nominal frequency. They are soft, because near a
-# singularity a part of their force reaches the TCP.
+# Frequency of the null space's springs as a share of the nominal one. They are soft, because near a
+# singularity some of their force reaches the TCP.
 NULL_FREQUENCY_SHARE = 0.2
 NULL_DAMPING_RATIO = 1.0
-# (rad/s)²: slower motions get no more damping than this one. If the stiffest springs on the TCP are slower,
-# the arm is singular, and the springs of its joints take over.
+# (rad/s)²: slower motions get no more damping than this one. If even the stiffest springs on the TCP are
+# slower, the arm is singular, and the springs of its joints take over.
 cdef double MIN_SQUARED_FREQUENCY = 1.0
 
 
 def nominal_stiffness(robot):
-    """Nominal stiffness of the joints, shape (dof,), N·m/rad, and of the TCP, shape (6,), N/m and N·m/rad;
-    zero in directions in which the TCP cannot move.
+    """Calculate the nominal stiffness of the joints, shape (dof,), N·m/rad, and of the TCP, shape (6,), N/m
+    and N·m/rad, which is zero in directions in which the TCP cannot move.
     """
     limits = robot.limits
     postures = np.random.default_rng(0).uniform(
@@ -69,7 +69,7 @@ cdef class Springs:
         self._chain = robot.chain
         self.joint_stiffness, self.tcp_stiffness = nominal_stiffness(robot)
         cdef int row
-        for row in range(6):  # any stiffness is possible along an axis on which the TCP never moves
+        for row in range(6):  # any stiffness is possible along an axis along which the TCP never moves
             stiffest = self.tcp_stiffness[row]
             self._min_mobility[row] = MIN_SQUARED_FREQUENCY / stiffest if stiffest > 0.0 else 1.0
 
@@ -102,7 +102,8 @@ cdef class Springs:
             self._tcp_damping_roots[i] = sqrt(2.0 * ratio[i]) * self._tcp_stiffness_roots[i]
 
     cdef void c_torques(self, const double* command, double* torques) noexcept nogil:
-        """The torques towards `command` (position and velocity) from MuJoCo's current state, N·m."""
+        """Calculate the torques towards `command` (position and velocity) from MuJoCo's current state,
+        N·m."""
         cdef double velocity_error[MAX_DOF]
         cdef double mobility[MAX_DOF * MAX_DOF]  # M⁻¹
         cdef int i, dof = self._dof
@@ -120,8 +121,8 @@ cdef class Springs:
     cdef void _pull_tcp(
         self, const double* position, const double* velocity_error, double* torques
     ) noexcept nogil:
-        """Keep only the part of the joints' springs that does not move the TCP, and add the TCP's own
-        springs.
+        """Keep only the part of the joint springs' torques that does not move the TCP, and add those of the
+        TCP's own springs.
         """
         cdef double force[6]
         cdef double twist[6]
@@ -153,8 +154,8 @@ cdef class Springs:
                 self._mobility[6 * row + column] = self._mobility[6 * column + row] = product
 
     cdef void _add_pull(self, const double* position, double* force) noexcept nogil:
-        """Add the force of the TCP's springs for the distance of the TCP from its commanded pose: translation
-        and rotation vector, base frame.
+        """Add the force of the TCP's springs, which depends on the distance of the TCP from its commanded
+        pose: translation and rotation vector, base frame.
         """
         cdef double there[7]
         cdef double here[7]
@@ -170,7 +171,7 @@ cdef class Springs:
             force[i] += self._tcp_stiffness[i] * error[i]
 
     cdef void _take_from_null_space(self, const double* torques, double* force) noexcept nogil:
-        """The force L J M⁻¹ tau_null, with which the joints' springs would move the TCP."""
+        """Subtract the force L J M⁻¹ tau_null, with which the joints' springs would move the TCP."""
         cdef double mobility[36]
         cdef double moved[6]
         cdef int row, i

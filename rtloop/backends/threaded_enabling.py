@@ -11,10 +11,10 @@ from rtloop.backends.protocols import BackendError, require_accepted
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 ENABLE_S = 20.0
-"""Timeout for enabling the device, s. The timeout of `POST /robot/reset` is longer, which a test checks."""
+"""Timeout for enabling the device, s. A test checks that the timeout of `POST /robot/reset` is longer."""
 MAX_LOOK_AGE_S = 0.5
-"""Maximum time since the cycle last asked for the result of a waiting attempt, s. After a stop or a timeout
-the cycle no longer asks, so a device that answers again is not switched on unexpectedly.
+"""Maximum time since the cycle last asked for the result of a waiting attempt, s. After a stop or a timeout,
+the cycle no longer asks, so a device that answers later is not switched on unexpectedly.
 """
 
 
@@ -25,7 +25,7 @@ class _Attempt:
     Attributes:
         begun_s, looked_s: times at which the attempt began and at which the cycle last asked for its result,
             on the monotonic clock.
-        result: result of the attempt; None until the thread has ended it.
+        result: result of the attempt; None until it has ended.
         is_cancelled: whether the drives must be switched off after the attempt.
         is_off: whether the drives have been switched off after the attempt.
     """
@@ -47,15 +47,15 @@ class _Attempt:
 
 
 class ThreadedEnabling:
-    """Enables a device in attempts. The cycle begins an attempt and asks for its result in each step. The
-    thread that polls the device performs the attempt.
+    """Enables a device. The cycle begins an attempt and asks for its result in each step; the thread that
+    polls the device carries it out.
 
-    The thread always completes an attempt that it has begun, even after a stop. Only then does it begin the
-    next one.
+    The thread always completes an attempt that it has begun, even after a stop, before it begins the next
+    one.
     """
 
     def __init__(self, enable: Callable[[], None], disable: Callable[[], bool]) -> None:
-        """`enable` enables the device. `disable` switches the drives off, and returns whether this has
+        """`enable` enables the device. `disable` switches the drives off, and returns whether it has
         succeeded.
         """
         self._enable, self._disable = enable, disable
@@ -85,8 +85,8 @@ class ThreadedEnabling:
         return False
 
     def cancel(self) -> bool:
-        """Make the thread switch the drives off as soon as it has ended the current attempt and any earlier
-        one. Return False if there is no current attempt.
+        """Make the thread switch the drives off once the current attempt and any earlier one have ended.
+        Returns False if there is no current attempt.
         """
         attempt = self._attempt
         if attempt is None:
@@ -94,24 +94,24 @@ class ThreadedEnabling:
         attempt.is_cancelled = True
         if attempt.result is None:
             return True
-        attempt.is_off = True  # by the caller
+        attempt.is_off = True  # the caller switches the drives off
         return False
 
     def is_switching_off(self) -> bool:
-        """Whether the thread still has to switch the drives off after a cancelled attempt."""
+        """Whether the thread must still switch the drives off after a cancelled attempt."""
         attempt = self._attempt
         return attempt is not None and attempt.is_switching_off
 
     def perform(self) -> None:
-        """Perform the attempt, if one waits, and switch the drives off after a cancelled one. Called by the
-        thread. If the drives cannot be switched off, the next call tries again.
+        """Carry out the waiting attempt, if any, and switch the drives off after a cancelled one. If they
+        cannot be switched off, the next call tries again. Called in the thread.
         """
         attempt = self._attempt
         if attempt is None:
             return
         if attempt.waits:
-            # The result is set before is_cancelled is read; `cancel` sets is_cancelled before it reads the
-            # result.
+            # Set the result before reading is_cancelled. `cancel` does the reverse: it sets is_cancelled,
+            # then reads the result.
             attempt.result = self._result()
         if attempt.is_switching_off:
             attempt.is_off = self._disable()

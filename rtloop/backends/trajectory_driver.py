@@ -1,8 +1,8 @@
-"""A driver that turns a device that executes whole motions into a `Backend`. rtloop's cycle never waits for
-the device.
+"""A driver that makes a `Backend` of a device that executes whole motions. rtloop's cycle never waits for the
+device.
 
 A thread polls the device's position and progress several times a second. Between two polls it enables the
-device and sends motions and stops to it. The cycle reads the last answer.
+device and sends motions and stops to it. The cycle reads the device's last answer.
 """
 
 from __future__ import annotations
@@ -44,22 +44,24 @@ log = logging.getLogger("cobot.rtloop")
 STATE_PERIOD_S, POINT_PERIOD_S = 0.05, 0.02
 """Default values of a device's `state_period_s` and `point_period_s`, s."""
 SILENCE_S = 2.0
-"""Time without an answer after which a device counts as lost, s."""
+"""Time without an answer after which the connection to the device is lost, s."""
 LAST_CALL_S, LAST_CALL_LOG_S = 4.0, 1.0
-"""Timeout for the last call to the device when rtloop ends, s, and the time after which a pending call is
-logged, s. The supervisor waits longer before it kills the process, which a test checks.
+"""Timeout for the last call to the device when rtloop ends, and the time after which a pending call is
+logged, s. A test checks that the supervisor waits longer before it kills the process.
 """
 TURN_S = 0.5
-"""Maximum time to wait for the end of a poll before a request that the thread cannot make, s."""
+"""Maximum wait for the end of a poll, before a call that the cycle itself must make, s."""
 REST_S, REST_RAD = 3.0, 1e-4
-"""Timeout for the arm to stop if it moves at `open`, s, and the maximum motion between two polls at which the
-arm counts as at rest, rad.
+"""Timeout for the arm to stop if it is moving at `open`, s, and the maximum motion between two polls of an
+arm at rest, rad.
 """
 FROZEN_ASKED = 5
-"""Maximum number of consecutive polls with identical measured values while the device reports progress."""
+"""Maximum number of consecutive polls that return the same measured values while the device reports
+progress.
+"""
 FROZEN_RAD = 1e-3
 MAX_REPEATS = 2
-"""Maximum number of consecutive polls without a new position in which the calculated velocity is kept."""
+"""Maximum number of consecutive polls without a new position for which the calculated velocity is kept."""
 NEAREST = 0.1
 """Minimum time between two points of a motion, as a share of the point period."""
 END_S = 1e-9
@@ -120,8 +122,8 @@ class Motion:
 
 
 def _point_times(breakpoints_s: Array, period_s: float) -> Array:
-    """Return the breakpoints that are not too near to the previous one or to the end, with even steps between
-    them.
+    """Return the breakpoints, without those that are too close to the previous one or to the end, and with
+    evenly spaced times in between.
     """
     nearest_s, end_s = NEAREST * period_s, float(breakpoints_s[-1])
     times_s = [0.0]
@@ -143,7 +145,7 @@ class TrajectoryDriver:
     def __init__(self, device: TrajectoryDevice, dof: int, period_s: float, *, threaded: bool = True) -> None:
         """
         Args:
-            threaded: whether a thread polls the device. If not, the cycle polls it in robot time, for the
+            threaded: whether a thread polls the device. If false, the cycle polls it in robot time, for the
                 contract checks.
         """
         self.device, self._dof, self._period_s = device, dof, period_s
@@ -160,9 +162,9 @@ class TrajectoryDriver:
             self._io = DrivenIo(device)
             self.io, self.set_output = self._io.io, self._io.set_output
         self._status = DeviceStatus(connection="not connected")
-        self._turn = threading.RLock()  # only the thread that holds this lock may call the device
+        self._turn = threading.RLock()  # held by the thread that calls the device
         self._enabling = ThreadedEnabling(self.enable, self._switch_off)
-        self._is_disabled = True  # False after `disable` has failed.
+        self._is_disabled = True  # False once `disable` has failed.
         self._off_problem = ""  # Reason why the drives could not be switched off after a reset.
         self._wake = threading.Event()
         self._thread: threading.Thread | None = None
@@ -170,9 +172,9 @@ class TrajectoryDriver:
         self._said = self._read = PollAnswer(np.zeros(0))
         self._motion: Motion | None = None
         self._number = 0
-        self._loaded = 0  # the number of the motion that was sent to the device
+        self._loaded = 0  # number of the motion that was sent to the device
         self._halting, self._halted = False, 0
-        self._loading: Accepted | Rejected = ACCEPTED  # Whether the device accepts the motion.
+        self._loading: Accepted | Rejected = ACCEPTED  # Whether the device has accepted the motion.
         self._same, self._same_at = 0, np.zeros(dof)
         self._repeats, self._velocity = 0, np.zeros(dof)
         self._cycles = 0
@@ -182,7 +184,7 @@ class TrajectoryDriver:
     def open(self, initial_position: Array) -> None:
         with self._turn:
             self.device.open(initial_position)
-            self.device.stop()  # a crashed rtloop may have left the arm moving
+            self.device.stop()  # an rtloop that crashed may have left the arm moving
             self._ask()
             self._await_rest()
         self.require()
@@ -260,7 +262,7 @@ class TrajectoryDriver:
     def is_halted(self) -> bool:
         return self._said.halted == self._number
 
-    # Its own
+    # Private methods
 
     def require(self) -> None:
         """
@@ -289,7 +291,7 @@ class TrajectoryDriver:
 
     def _await_last_call(self, thread: threading.Thread) -> None:
         """Wait for the thread, which switches the drives off after a cancelled reset. If `disable` has failed
-        because a poll was hanging, the drives are switched off here.
+        because a poll was hanging, switch them off here.
         """
         thread.join(LAST_CALL_LOG_S)
         if thread.is_alive():
@@ -317,7 +319,7 @@ class TrajectoryDriver:
             self._turn.release()
 
     def _switch_off(self) -> bool:
-        """Switch the drives off if `disable` could not. Return whether this has succeeded."""
+        """Switch the drives off if `disable` could not. Returns whether it has succeeded."""
         with self._turn:
             try:
                 self.device.disable()
@@ -343,13 +345,13 @@ class TrajectoryDriver:
             with self._turn:
                 if not self._ending:
                     self._ask()
-        self._enabling.perform()  # the last reset may have been cancelled meanwhile
+        self._enabling.perform()  # the last reset may have been cancelled in the meantime
 
     def _ask(self) -> None:
         """Poll the device: pass on requests, then read its state."""
         found = Measured(self._dof)
         for name in self.capabilities.measured:
-            getattr(found, name)[:] = np.nan  # so that values that the device does not fill in are detected
+            getattr(found, name)[:] = np.nan  # so that values that the device leaves unset are detected
         done_s = self._said.done_s
         result: Accepted | Rejected = ACCEPTED
         try:
@@ -380,7 +382,7 @@ class TrajectoryDriver:
     def _pass_on(self) -> None:
         motion = self._motion
         if self._halting:
-            self._halted = self._number  # from now on the measured position counts, not the path
+            self._halted = self._number  # from now on, use the measured position, not the path
             self.device.stop()
             self._halting = False
         elif motion is not None and motion.number not in (self._halted, self._loaded):
@@ -393,8 +395,8 @@ class TrajectoryDriver:
                 raise BackendError(self._loading.reason) from exc
 
     def _find_velocity(self, found: Measured) -> None:
-        """Calculate the velocity if the device does not measure it. The same position again does not mean
-        that the arm is at rest, because some devices have new values less often than they are polled.
+        """Calculate the velocity if the device does not measure it. An unchanged position does not mean that
+        the arm is at rest, because some devices update their values less often than they are polled.
         """
         before = self._said
         if (
@@ -412,7 +414,7 @@ class TrajectoryDriver:
         found.velocity[:] = self._velocity
 
     def _check_movement(self, found: Measured, done_s: float) -> Accepted | Rejected:
-        """Check whether the measured values are plausible. They must change while the device executes a
+        """Check that the measured values are plausible: they must change while the device executes a
         motion.
         """
         motion, before = self._motion, self._said

@@ -25,7 +25,7 @@ class CheckedBackend:
         kind: the backend's class.
         settings: settings with the backend's name, its options and a supported period.
         robot: the arm.
-        realtime: whether durations are checked.
+        realtime: whether to check durations.
     """
 
     kind: Any
@@ -35,9 +35,7 @@ class CheckedBackend:
 
     @contextmanager
     def drive(self) -> Iterator[Driver]:
-        """Open the backend and its device for the duration of the context, with the arm at rest. Close them
-        afterwards.
-        """
+        """Context in which the backend and its device are open, initially with the arm at rest."""
         with self.make_driver() as driver:
             driver.start()
             driver.until(
@@ -52,7 +50,7 @@ class CheckedBackend:
 
     @contextmanager
     def make_driver(self) -> Iterator[Driver]:
-        """Make a backend and its device. The backend is not open yet."""
+        """Make a backend and its device, without opening the backend."""
         driver = Driver(self.settings, self.robot, rig_of(self.kind, self.settings, self.robot.limits))
         try:
             yield driver

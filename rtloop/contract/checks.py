@@ -1,4 +1,4 @@
-"""Checks of a device without faults."""
+"""Checks of a backend whose device has no faults."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SLACK = 1.0 + 1e-6
 STOPPED = (MotionResult.STOPPED, MotionResult.STOPPED_ASIDE)
 MODES = ("", "T1", "T2", "AUT")
 FADED_S = 1.5
-"""Maximum time for removing an initial offset between the position and the command, s."""
+"""Maximum time in which an initial offset between the position and the command is removed, s."""
 MAX_LAG = 4
 
 
@@ -134,7 +134,7 @@ def guiding(cell: CheckedBackend) -> str:
 
 
 def stop(cell: CheckedBackend) -> str:
-    """A stop during a motion brings the arm to rest and holds it there. After that the arm can move again."""
+    """A stop during a motion stops the arm and holds it there. After that the arm can move again."""
     with cell.drive() as driver:
         driver.begin_move()
         driver.run(REST_S)
@@ -151,7 +151,9 @@ def stop(cell: CheckedBackend) -> str:
 
 
 def limits(cell: CheckedBackend) -> str:
-    """Commands keep the velocity, acceleration and jerk limits, as written and as they reach the device."""
+    """Commands keep within the velocity, acceleration and jerk limits, both as written and as they reach the
+    device.
+    """
     if capabilities_of(cell.kind).trajectories:
         raise NotTested("the device executes motions by itself: its own controller keeps its limits")
     with cell.drive() as driver:
@@ -168,7 +170,7 @@ def limits(cell: CheckedBackend) -> str:
 
 
 def require_limits(cell: CheckedBackend, what: str, positions: list[Array]) -> list[float]:
-    """Return the largest shares of the velocity, acceleration and jerk limits that the positions use.
+    """Return the largest velocity, acceleration and jerk of the positions, as shares of the limits.
 
     Raises:
         ContractError: a limit is exceeded.
@@ -235,7 +237,7 @@ def require_entry(cell: CheckedBackend, driver: Driver, before: int) -> None:
 
 
 def restart(cell: CheckedBackend) -> str:
-    """A new backend can take over a device that was not closed, as after rtloop was killed."""
+    """A new backend can take over a device that was not closed, for example because rtloop was killed."""
     with cell.drive() as driver:
         driver.begin_move()
         driver.run(REST_S)
@@ -251,7 +253,7 @@ def restart(cell: CheckedBackend) -> str:
 
 
 def reject_open(cell: CheckedBackend) -> str:
-    """`open` reports a missing device as an error; no later call does."""
+    """`open` itself reports a missing device as an error."""
     with cell.make_driver() as driver:
         if "disconnect" not in driver.rig.faults:
             raise NotTested("the backend's rig cannot inject the fault disconnect")

@@ -18,11 +18,11 @@ CLAIMS = {
     "payload": ("set_tool",),
     "io": ("set_output",),
 }
-"""For each capability, a list of methods. A class must implement at least one of them."""
+"""For each capability, a list of methods of which the class must implement at least one."""
 
 
 def options(cell: CheckedBackend) -> str:
-    """An unknown option and a wrong period are rejected with errors that name them."""
+    """An unknown option and an unsupported period are rejected with errors that name them."""
     with cell.make_driver() as driver:
         settings: Settings = getattr(driver.rig, "settings", cell.settings)
     backend = settings.robot.backend

@@ -1,4 +1,4 @@
-"""Runs rtloop's cycle around a backend in this process. It counts robot time and never waits for a clock."""
+"""Runs rtloop's cycle around a backend in this process, in robot time, without waiting for a clock."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from rtloop.results import ACCEPTED, Accepted, Rejected
 
 SEGMENTS = 64
 PATIENCE_S = 20.0
-"""Robot time after which an expected event counts as missing, s."""
+"""Timeout for an expected event, s of robot time."""
 ATTEMPTS = 20
 """Maximum number of attempts to reset a fault, 0.1 s apart. The first ones may fail because the arm is still
 moving.
 """
 SHARE = 0.5
-"""Share of the joint limits that a test motion uses."""
+"""Speed, acceleration and jerk of a test motion, as a share of the joint limits."""
 _numbers = itertools.count()
 
 
@@ -45,7 +45,7 @@ class CallRecord:
         calls: names of methods, without immediate repetitions.
         measured: the last position read, shape (dof,), rad.
         commands: the written commands, each with the last position read before it.
-        durations_s: for each cycle, the time that `read` and `write` took together.
+        durations_s: for each cycle, the total duration of `read` and `write`.
     """
 
     calls: list[str] = field(default_factory=list)
@@ -102,7 +102,7 @@ class Driver:
 
     Attributes:
         backend: the backend that the last `start` opened.
-        heard: the record of the calls since the last `start`.
+        heard: record of the calls since the last `start`.
     """
 
     def __init__(self, settings: Settings, robot: RobotDescription, rig: ContractRig) -> None:
@@ -133,7 +133,7 @@ class Driver:
         self._paced = hasattr(backend, "wait")
         loop = ControlLoop(self._settings, self._robot.model, self.memory, backend, FastClock(self.period_s))
         home = self._robot.positions[self._settings.robot.start_position].joints
-        loop.controller.acknowledge()  # no user is here to acknowledge the first contact
+        loop.controller.acknowledge()  # there is no user to acknowledge the first contact
         try:
             loop.open(np.array(home))
         except BackendError:
@@ -169,7 +169,7 @@ class Driver:
         return str(self.loop.controller.reason)
 
     def step(self, cycles: int = 1) -> None:
-        """Run cycles. Each cycle waits for the device if the device is externally clocked."""
+        """Run cycles. If the device is externally clocked, each cycle waits for it."""
         for _ in range(cycles):
             if self._paced:
                 self.loop.beat()
@@ -221,7 +221,9 @@ class Driver:
         self.memory.requests.publish()
 
     def begin_move(self) -> None:
-        """Begin a motion from rest to rest that moves each joint a little towards the middle of its range."""
+        """Begin a motion that moves each joint a little towards the middle of its range, from rest to
+        rest.
+        """
         self.ask_move()
         result = self.await_answer()
         if isinstance(result, Rejected):
@@ -249,7 +251,7 @@ class Driver:
             raise ContractError(f"a motion ended as {result.name}: {self.reason}")
 
     def reset(self, attempts: int = ATTEMPTS) -> Accepted | Rejected:
-        """Reset a fault while the arm is at rest, and return the result of the last attempt."""
+        """Reset a fault, if necessary in several attempts, and return the result of the last one."""
         result: Accepted | Rejected = ACCEPTED
         for _ in range(attempts):
             result = self.send(Command.RESET)
@@ -277,13 +279,13 @@ class Driver:
 
     @property
     def wire(self) -> list[Array] | None:
-        """The commands sent to the device, if the rig records them."""
+        """The commands sent to the device; None if the rig does not record them."""
         return wire_of(self.rig)
 
     @property
     def middle(self) -> Array:
-        """The middle of each joint's range, rad."""
-        with np.errstate(invalid="ignore"):  # for a joint without position limits
+        """Return the middle of each joint's range, rad."""
+        with np.errstate(invalid="ignore"):  # inf - inf, for a joint without position limits
             middle: Array = (self.limits.min_position + self.limits.max_position) / 2.0
         return middle
 

@@ -42,8 +42,8 @@ def survives(fault: str, cell: CheckedBackend) -> str:
 
 
 def ends(fault: str, cell: CheckedBackend, *, moving: bool) -> str:
-    """A fault ends a motion, or the holding of the arm, and rtloop reports the reason. No reset succeeds
-    while the fault lasts. Afterwards the arm can move again.
+    """A fault during a motion, or while the arm is held, puts rtloop into FAULT, with a reason. No reset
+    succeeds while the fault lasts. Afterwards the arm can move again.
     """
     return _inject_while(fault, cell, _move if moving else _rest, stays=True)
 
@@ -150,7 +150,7 @@ def mode_change(cell: CheckedBackend) -> str:
 
 
 def _rest(driver: Driver) -> None:
-    """Do nothing, so that the arm is held at rest."""
+    """Do nothing, so that the fault occurs while the arm is held at rest."""
 
 
 def _move(driver: Driver) -> None:
@@ -159,7 +159,7 @@ def _move(driver: Driver) -> None:
 
 
 def _inject_while(fault: str, cell: CheckedBackend, begin: Callable[[Driver], None], *, stays: bool) -> str:
-    """Inject a fault after `begin` and return the reported reason. With `stays` the fault lasts during some
+    """Inject a fault after `begin`, and return the reported reason. With `stays`, the fault lasts during some
     resets.
     """
     with cell.drive() as driver:
@@ -233,7 +233,7 @@ def _require_recovery(cell: CheckedBackend, driver: Driver) -> None:
 STOPPING = ("disconnect", "frozen", "nan", "e_stop", "protective_stop")
 RESTING = ("disconnect", "nan", "e_stop", "protective_stop")
 """Faults that the checks inject while the arm is at rest: those of `STOPPING` except `frozen`, because the
-values of an arm at rest are constant anyway.
+values of an arm at rest may be constant.
 """
 CHECKS: dict[str, Callable[[CheckedBackend], str]] = {
     **{f"{fault} in motion": partial(ends, fault, moving=True) for fault in STOPPING},

@@ -18,8 +18,8 @@ UNKNOWN = "no such output"
 
 
 def io(cell: CheckedBackend) -> str:
-    """While the arm is held, each output accepts a different value, reports it, and accepts its old value
-    again. An unknown output is rejected.
+    """While the arm is held, each output can be set to a different value, reports it, and can be set back. An
+    unknown output is rejected.
     """
     if not capabilities_of(cell.kind).io:
         raise NotTested("the backend's capabilities do not include io")
@@ -52,7 +52,7 @@ def io(cell: CheckedBackend) -> str:
 
 
 def _require_sound(points: list[IoPoint]) -> None:
-    """Check the list of inputs and outputs. Raises ContractError if names are invalid or duplicate, or if
+    """Check the list of inputs and outputs. Raises ContractError if a name is invalid or occurs twice, or if
     there are too many.
     """
     names = [each.name for each in points]

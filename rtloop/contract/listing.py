@@ -20,8 +20,7 @@ class Listed:
         place: location of its class, as package.module:Class.
         periods_s: supported cycle periods; empty for any.
         capabilities: its capabilities in words; "" if its class cannot be loaded.
-        contract: what `cobot backend test` checks: the backend with a "simulated device", the backend
-            "itself", or "nothing".
+        contract: what `cobot backend test` runs on: a "simulated device", the backend "itself", or "nothing".
         problem: reason why the backend cannot be used on this computer; "" if it can be used.
     """
 
@@ -62,8 +61,8 @@ def _one(name: str, origin: str, place: str) -> Listed:
 
 
 def _missing(kind: Any) -> str:
-    """The SDK that a backend needs and that is not installed; "" if none is missing. A class names its SDK in
-    the attribute `sdk`, because it imports the SDK only when an instance is made.
+    """Return the SDK that a backend needs but that is not installed; "" if none is missing. A class names its
+    SDK in the attribute `sdk`, because it imports the SDK only when an instance is made.
     """
     sdk = getattr(kind, "sdk", "")
     if not sdk or importlib.util.find_spec(sdk) is not None:

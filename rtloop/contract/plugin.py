@@ -1,12 +1,12 @@
 """The backend contract as pytest tests, loaded with `-p rtloop.contract.plugin`.
 
-A test that takes `contract_check` and names a backend is run once for each check:
+A test with the fixture `contract_check` and the name of a backend is run once for each check:
 
     @pytest.mark.cobot_backend("gantry")
     def test_contract(contract_check):
         contract_check()
 
-Checks that cannot be run for this backend are skipped, and the reason is shown.
+Checks that cannot be run for this backend are skipped, with the reason.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 @pytest.fixture
 def contract_check(request: pytest.FixtureRequest) -> Callable[[], None]:
-    """A function that runs one check of the backend named in the test's marker."""
+    """Return a function that runs one check of the backend named in the test's marker."""
     marker = request.node.get_closest_marker(MARKER)
     if marker is None or len(marker.args) != 1:
         raise pytest.UsageError(f'{request.node.name} needs @pytest.mark.{MARKER}("NAME")')

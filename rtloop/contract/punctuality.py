@@ -15,7 +15,7 @@ from rtloop.contract.cell import CheckedBackend
 
 BEATEN_S = 0.5
 LATE_SHARE = 0.01
-"""Maximum share of the cycles that take longer than their period."""
+"""Maximum share of cycles that take longer than their period."""
 
 
 def punctuality(cell: CheckedBackend) -> str:

@@ -1,4 +1,6 @@
-"""Test rigs: a backend and its device in one process, which the contract drives and disturbs."""
+"""Test rigs: a backend and its device in one process. The contract checks drive the backend and inject
+faults.
+"""
 
 from __future__ import annotations
 
@@ -29,21 +31,21 @@ FAULTS = {
 
 
 class ContractRig(Protocol):
-    """A test rig. A backend's class makes one with the static or class method `contract_rig(settings,
-    limits)`.
+    """A test rig. The static or class method `contract_rig(settings, limits)` of a backend's class makes one.
 
     A rig may also have an attribute `wire`: a list of the positions sent to the device, each of shape (dof,),
-    rad. The contract then checks the limits of these positions too. If a rig adds options that the backend
-    requires, such as an address, its attribute `settings` contains the complete settings of the backend.
+    rad. The contract then also checks these positions against the limits. If a rig adds options that the
+    backend requires, such as an address, its attribute `settings` contains the complete settings of the
+    backend.
 
     Attributes:
-        faults: the entries of `FAULTS` that this rig can inject. All others are reported as not tested.
+        faults: the entries of `FAULTS` that this rig can inject. The others are reported as not tested.
     """
 
     faults: frozenset[str]
 
     def backend(self) -> Backend | TrajectoryDevice:
-        """Make a new backend, not open yet, for the same device. The previous backend was closed, or its
+        """Make a new backend for the same device, without opening it. The previous backend was closed, or its
         process was killed.
         """
         ...
@@ -83,8 +85,8 @@ OPTIONAL = {"capabilities", "state_period_s", "point_period_s"} | {
 
 
 class Around:
-    """A wrapper around a backend or a `TrajectoryDevice`. It has the same methods and attributes, and passes
-    all calls on.
+    """A wrapper around a backend or a `TrajectoryDevice`. It has the same methods and attributes, and
+    forwards all calls.
     """
 
     def __init__(self, inner: Backend) -> None:
@@ -173,6 +175,6 @@ def rig_of(kind: Any, settings: Settings, limits: JointLimits) -> ContractRig:
 
 
 def wire_of(rig: ContractRig) -> list[Array] | None:
-    """The positions sent to the device, if the rig records them."""
+    """Return the positions sent to the device; None if the rig does not record them."""
     wire = getattr(rig, "wire", None)
     return wire if isinstance(wire, list) else None

@@ -12,7 +12,7 @@ from rtloop.backends import ImpedanceControlled
 from rtloop.contract.driver import Driver
 
 STREAMED_RAD, STREAM_S = 0.02, 0.3
-"""Distance that the stream moves each joint, rad, and the time for it, s."""
+"""Distance by which the stream moves each joint, rad, and the duration, s."""
 
 
 def begin_stream(driver: Driver) -> None:

@@ -25,8 +25,8 @@ CHECKS = {
 
 
 def settings_for(settings: Settings, name: str) -> Settings:
-    """Settings for a robot with this backend. They keep the given options if these belong to this backend,
-    and use a supported period.
+    """Return settings for a robot with this backend and a supported period. The options are kept if they
+    belong to this backend.
     """
     robot, rt = settings.robot, settings.rt
     if robot.backend.type != name:
@@ -42,7 +42,7 @@ def cell_for(settings: Settings, name: str, *, realtime: bool = False) -> Checke
     """Prepare a backend for the checks.
 
     Raises:
-        ConfigError: the backend does not exist, would move a real arm, or the settings are invalid.
+        ConfigError: the backend does not exist or would move a real arm, or the settings are invalid.
     """
     settings = settings_for(settings, name)
     kind: Any = backend_class(name)
@@ -53,7 +53,7 @@ def cell_for(settings: Settings, name: str, *, realtime: bool = False) -> Checke
 
 def examine(cell: CheckedBackend, check: str) -> CheckResult:
     """Run one check. The check fails if the backend raises an unexpected exception."""
-    with np.errstate(all="ignore"):  # as in rtloop, where comparisons find values that are not finite
+    with np.errstate(all="ignore"):  # as in rtloop, which finds non-finite values by comparisons
         return result_of(check, lambda: CHECKS[check](cell), BackendError)
 
 

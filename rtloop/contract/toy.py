@@ -40,7 +40,7 @@ class Packet:
 
 
 class ToyDevice:
-    """A simulated robot controller. It sends a packet in each period and moves to the target in the last
+    """A simulated robot controller. It sends a packet in each period, and moves to the target in the last
     answer.
 
     Attributes:
@@ -52,7 +52,7 @@ class ToyDevice:
     def __init__(self, dof: int, period_s: float, *, realtime: bool = True) -> None:
         """
         Args:
-            realtime: whether the device's periods take real time. If not, each call of `receive` passes one
+            realtime: whether the device's periods take real time. If false, each call of `receive` passes one
                 period.
         """
         self.faults: set[str] = set()
@@ -68,7 +68,7 @@ class ToyDevice:
         self._shown = self._position
 
     def place(self, position: Array) -> None:
-        """Set the position of the arm. Only a simulated arm permits this."""
+        """Set the position of the arm. This is possible only with a simulated arm."""
         self._position = np.array(position)
 
     def receive(self, timeout_s: float) -> list[Packet]:
@@ -204,7 +204,7 @@ class ToyArm:
         self._device.switch_off()
 
     def close(self) -> None:
-        """Close the connection to the device here. The toy needs none."""
+        """Close the connection to the device here. The toy has none."""
 
     def status(self) -> DeviceStatus:
         if self._newest is None:
@@ -229,7 +229,7 @@ class ToyArm:
 
     @classmethod
     def contract_rig(cls, settings: Settings, limits: JointLimits) -> ToyRig:
-        """The rig for `cobot backend test`."""
+        """Make the rig for `cobot backend test`."""
         return ToyRig(cls, settings, limits)
 
 

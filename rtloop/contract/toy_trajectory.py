@@ -29,7 +29,7 @@ class ToyDevice:
     def __init__(self, dof: int, *, realtime: bool = True) -> None:
         """
         Args:
-            realtime: whether the device uses the computer's clock. If not, each call of `look` passes
+            realtime: whether the device uses the computer's clock. If false, each call of `look` passes
                 `STATE_PERIOD_S`.
         """
         self.faults: set[str] = set()
@@ -43,7 +43,7 @@ class ToyDevice:
         self._stopped = ""
 
     def place(self, position: Array) -> None:
-        """Set the position of the arm. Only a simulated arm permits this."""
+        """Set the position of the arm. This is possible only with a simulated arm."""
         self._position = np.array(position)
 
     def look(self) -> tuple[Array, Array]:
@@ -158,19 +158,19 @@ class ToyArm:
         """Switch the device's drives off here. The toy has no drives."""
 
     def close(self) -> None:
-        """Close the connection to the device here. The toy needs none."""
+        """Close the connection to the device here. The toy has none."""
 
     def status(self) -> DeviceStatus:
         return DeviceStatus(connection="connected", operation_mode=self._device.operation_mode)
 
     @classmethod
     def contract_rig(cls, settings: Settings, limits: JointLimits) -> ToyRig:
-        """The rig for `cobot backend test`."""
+        """Make the rig for `cobot backend test`."""
         return ToyRig(cls, settings, limits)
 
 
 class ToyRig:
-    """The backend and its device in one process. Time is counted and not measured, so that tests are fast."""
+    """The backend and its device in one process. Time is counted, not measured, so that tests are fast."""
 
     faults = frozenset({"disconnect", "frozen", "nan", "e_stop", "protective_stop", "operation_mode"})
 

@@ -1,4 +1,4 @@
-"""Braking to rest, within the limits of acceleration and jerk."""
+"""Decelerates to rest within the acceleration and jerk limits."""
 
 from libc.math cimport fabs
 
@@ -6,12 +6,12 @@ from cobot.arrays cimport doubles
 from rtloop.generators.interpolation cimport clipped, copy_row, plain
 from rtloop.generators.otg cimport OTG_OK, Problem, otg_velocity, profile_at
 
-cdef double ROUNDING = 1e-9  # Rates up to these count as rest, rad/s and rad/s².
+cdef double ROUNDING = 1e-9  # Rates up to this value are rest, rad/s and rad/s².
 
 
 cdef class Brake:
-    """Brings a reference to rest as fast as the limits permit and without reversing, each coordinate on its
-    own. Real-time safe.
+    """Brings a reference to rest as fast as the limits permit, without reversing, each coordinate separately.
+    Real-time safe.
     """
 
     def __init__(self, double period_s, max_acceleration, max_jerk):
@@ -20,15 +20,15 @@ cdef class Brake:
         copy_row(self.max_jerk, max_jerk, self.n)
 
     cdef void c_begin(self, const double* reference) noexcept nogil:
-        """Begin to brake from this state, (3, n).
+        """Begin to decelerate from this state, (3, n).
 
-        An acceleration beyond the limit is clipped to the limit. Reducing it with the maximum jerk would take
-        so long that the velocity would become much too high.
+        An acceleration beyond the limit is clipped to the limit. With the maximum jerk, reducing it would
+        take so long that the velocity would become much too high.
         """
         cdef Problem problem
         cdef int i, n = self.n
         problem.target_position = problem.target_velocity = 0.0
-        problem.min_velocity = problem.max_velocity = 0.0  # not used
+        problem.min_velocity = problem.max_velocity = 0.0  # not used in this problem
         self.time_s, self.planned = 0.0, True
         for i in range(n):
             problem.position, problem.velocity = reference[i], reference[n + i]
@@ -41,9 +41,7 @@ cdef class Brake:
                 return
 
     cdef bint c_advance(self, double* reference) noexcept nogil:
-        """Advance by one period. Returns whether the reference is at rest. True at once if it is not a
-        number.
-        """
+        """Advance by one period. Returns whether the reference is at rest, and True if it is NaN."""
         cdef double state[3]
         cdef double fastest = 0.0
         cdef int i, n = self.n

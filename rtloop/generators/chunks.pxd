@@ -4,10 +4,12 @@ from cobot.arrays cimport MAX_DOF
 from rtloop.generators.brake cimport Brake
 
 cdef enum:
-    MAX_CHUNK = 64  # Waypoints of a chunk; as many waypoints of older chunks may still be ahead.
-    # Passed waypoints that still belong to the spline, so that a new chunk hardly moves its start.
+    # Maximum number of waypoints of a chunk, and of waypoints of older chunks that are still ahead.
+    MAX_CHUNK = 64
+    # Number of passed waypoints that are kept in the spline, so that a new chunk hardly changes its
+    # beginning.
     SUPPORT = 3
-    MAX_WAYPOINTS = 131  # The sum: MAX_CHUNK of both, and SUPPORT.
+    MAX_WAYPOINTS = 131  # The sum: MAX_CHUNK twice, and SUPPORT.
 
 cdef enum ChunkRefusal:
     CHUNK_TAKEN = 0
@@ -25,12 +27,12 @@ cdef class ChunkInterpolator:
     cdef double period_s
     cdef double[3][MAX_DOF] bounds
     cdef Brake brake
-    # The waypoints, some of them passed, and the state of the spline there.
+    # The waypoints, including some that have been passed, and the state of the spline at each.
     cdef int count
     cdef double[MAX_WAYPOINTS] times_s
     cdef object waypoints  # (MAX_WAYPOINTS, 3, n): position, velocity, acceleration.
     cdef double* ends
-    # The pieces; the first knot is where the newest chunk took over.
+    # The segments. The first knot is where the newest chunk has begun.
     cdef int pieces, piece
     cdef double[MAX_WAYPOINTS + 1] knots_s
     cdef object quintics  # (MAX_WAYPOINTS, 6, n)

@@ -19,9 +19,10 @@ from cobot.errors import InputError
 from rtloop.results import ACCEPTED, Rejected
 
 cdef enum:
-    PLACES = 11  # Places of a blend at which velocity, acceleration and jerk are checked.
+    PLACES = 11  # Number of places of a blend at which velocity, acceleration and jerk are checked.
 
-# Relative. The last two waypoints have the same acceleration, and rounding must not decide between them.
+# A relative difference. The last two waypoints have the same acceleration, so without it rounding would
+# decide between them.
 cdef double TIE = 1e-9
 
 
@@ -41,7 +42,8 @@ cdef class ChunkInterpolator:
         self._start_brake()
 
     cdef void c_begin(self, const double* state) noexcept nogil:
-        """Start in this state, (3, n), without waypoints, and hold. A moving reference is brought to rest."""
+        """Start from this state, (3, n), without waypoints, and hold. A moving reference is brought to
+        rest."""
         memmove(self.ref, state, 3 * self.n * sizeof(double))
         self.count = 0
         self._start_brake()
@@ -49,12 +51,11 @@ cdef class ChunkInterpolator:
     cdef int c_take(
         self, const double* times_s, const double* points, int count, double now_s
     ) noexcept nogil:
-        """Replace the waypoints ahead by these, (count,) and (count, n), from the first one that is not in
+        """Replace the waypoints ahead with these, (count,) and (count, n), from the first one that is not in
         the past.
 
         Returns:
-            `CHUNK_TAKEN`, or the reason of a rejection as a number. After a rejection only `late` has
-                changed.
+            `CHUNK_TAKEN`, or the reason for a rejection as a number. A rejection changes only `late`.
         """
         # A waypoint that is due within this period is past: no motion can reach it in time.
         cdef double soon_s = now_s + self.period_s
@@ -70,7 +71,7 @@ cdef class ChunkInterpolator:
             self.refused, self.refused_count = CHUNK_PAST, first
             self.refused_s = now_s - times_s[count - 1]
             return self.refused
-        # Old waypoints remain up to half a step before the first new one, because two plans need not agree.
+        # Old waypoints remain up to half a step before the first new one; closer ones may contradict it.
         step_s = times_s[first + 1] - times_s[first] if count - first > 1 else 2.0 * self.period_s
         end = self._index(times_s[first] - 0.5 * step_s)
         ahead = min(self._index(soon_s), end)
@@ -92,7 +93,7 @@ cdef class ChunkInterpolator:
     cdef void c_advance(self, double now_s) noexcept nogil:
         """Calculate the reference for this time, which must not decrease.
 
-        After the last waypoint the reference brakes.
+        After the last waypoint, the reference decelerates to rest.
         """
         cdef double begin_s
         if not self.braking:
@@ -112,10 +113,10 @@ cdef class ChunkInterpolator:
             self.starved += 1
             self._start_brake()
         if self.brake.c_advance(self.ref):
-            self.count = 0  # no waypoint shows the way to the current position
+            self.count = 0  # no waypoint leads to the current position
 
     cdef const double* c_waypoint(self, int ahead) noexcept nogil:
-        """The waypoint at the end of the current segment, or `ahead` waypoints further, (n,); NULL after the
+        """Return the waypoint `ahead` waypoints after the end of the current segment, (n,); NULL after the
         last.
         """
         cdef int piece = self.piece + ahead
@@ -124,7 +125,7 @@ cdef class ChunkInterpolator:
         return self.ends + 3 * self.n * (self.count - self.pieces + piece)
 
     cdef double c_step_s(self) noexcept nogil:
-        """Duration of the current segment, s."""
+        """Return the duration of the current segment, s."""
         return self.knots_s[self.piece + 1] - self.knots_s[self.piece]
 
     cdef int _flaw(self, const double* times_s, const double* points, int count) noexcept nogil:
@@ -143,7 +144,7 @@ cdef class ChunkInterpolator:
         return CHUNK_TAKEN
 
     cdef int _index(self, double time_s) noexcept nogil:
-        """The index of the first waypoint that is not before this time."""
+        """Return the index of the first waypoint that is not before this time."""
         cdef int i = 0
         while i < self.count and self.times_s[i] < time_s:
             i += 1
@@ -173,8 +174,8 @@ cdef class ChunkInterpolator:
         self.entered += 1
 
     cdef int _first_in_reach(self, double now_s, int first) noexcept nogil:
-        """The first waypoint to which a quintic stays within the limits; if there is none, the one to which a
-        quintic exceeds them least.
+        """Return the first waypoint to which a quintic stays within the limits; if there is none, the one to
+        which the quintic exceeds them least.
         """
         cdef double coefficients[6 * MAX_DOF]
         cdef double excess, least = INFINITY
@@ -189,8 +190,8 @@ cdef class ChunkInterpolator:
         return best
 
     cdef double _excess(self, const double* coefficients, double duration_s, double enough) noexcept nogil:
-        """The largest share of a limit that a quintic uses; infinity if it is above `enough` or not a number.
-        The jerk is checked first, because it usually decides.
+        """Return the largest share of a limit that a quintic uses; infinity if the share is above `enough` or
+        NaN. The jerk is checked first, because it is usually the largest share.
         """
         cdef double peaks[MAX_DOF]
         cdef double share, most = 0.0
@@ -245,15 +246,15 @@ cdef class ChunkInterpolator:
 
 
 cdef void spline_rates(const double* times_s, int count, int n, double* ends) noexcept nogil:
-    """Velocity and acceleration at the knots of the cubic spline through points. The first and last segments
-    are parabolas. A single point means rest; two points give one straight segment.
+    """Calculate velocity and acceleration at the knots of the cubic spline through points. The first and last
+    segments are parabolas. A single point is at rest; between two points the segment is straight.
 
     The velocities solve a tridiagonal system (C. de Boor, "A Practical Guide to Splines", chapter IV), which
     is solved by elimination without pivoting (L. Thomas), because every inner row is diagonally dominant.
 
     Args:
         times_s: (count,), at most `MAX_WAYPOINTS`.
-        ends: (count, 3, n): contains the positions; velocities and accelerations are written into it.
+        ends: (count, 3, n): contains the positions; velocities and accelerations are written to it.
     """
     cdef double upper[MAX_WAYPOINTS]
     cdef double before, after, pivot, slope, last_slope

@@ -5,7 +5,7 @@ from cobot.arrays cimport MAX_DOF
 
 cdef class Interpolator:
     cdef readonly object reference  # (3, n): position, velocity, acceleration.
-    cdef double* ref  # Its numbers.
+    cdef double* ref  # The numbers of `reference`.
     cdef int n
     cdef double period_s
 
@@ -26,7 +26,7 @@ cdef double EARLY
 cdef double grace_s(double duration_s) noexcept nogil
 
 cdef inline double clipped(double value, double bound) noexcept nogil:
-    """The value, clipped to the bound on both sides. NaN stays NaN."""
+    """Return the value, clipped to [-bound, bound]. NaN stays NaN."""
     if value > bound:
         return bound
     return -bound if value < -bound else value

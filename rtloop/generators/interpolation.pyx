@@ -1,8 +1,9 @@
 """A reference for every cycle, calculated from commands that arrive less often.
 
-The kinds differ in the motion until the next command is due: none (`Hold`), a constant velocity (`Linear`), a
-smooth polynomial (`Quintic`), or the fastest profile that stays within the limits of velocity, acceleration
-and jerk (`OnlineTrajectory`). The coordinates are joints (rad) or a chart of poses; SI units.
+The kinds differ in how the reference moves until the next command is due: not at all (`Hold`), at constant
+velocity (`Linear`), on a smooth polynomial (`Quintic`), or on the fastest profile within the limits of
+velocity, acceleration and jerk (`OnlineTrajectory`). The coordinates are joints (rad) or a chart of poses; SI
+units.
 """
 
 from libc.string cimport memcpy, memmove
@@ -11,21 +12,22 @@ import numpy as np
 
 from cobot.arrays cimport checked_dof, doubles
 
-# A period that ends at most this share of a cycle after the cycle counts as ending in the cycle.
+# A command period that ends later than a cycle by at most this share of the cycle is treated as ending with
+# it.
 cdef double EARLY = 1e-6
 cdef double GRACE_SHARE = 0.25
 cdef double GRACE_S = 0.002
 
 
 cdef double grace_s(double duration_s) noexcept nogil:
-    """The delay for which a stream with this period continues without a command. A command with at most this
-    delay does not disturb the motion.
+    """Return how long a stream with this period continues without a command, s. A command that is late by
+    less does not disturb the motion.
     """
     return GRACE_SHARE * duration_s + GRACE_S
 
 
 cdef object plain(object values, tuple shape):
-    """A copy for compiled code: contiguous, of float64."""
+    """Return a copy for compiled code: contiguous, of float64."""
     copy = np.empty(shape)
     copy[...] = values
     return copy
@@ -49,16 +51,16 @@ cdef class Interpolator:
         self.ref = doubles(self.reference, 3 * n)
 
     cdef void c_begin(self, const double* state) noexcept nogil:
-        """Start in this state without commands, and hold. A moving reference is brought to rest."""
+        """Start from this state without commands, and hold. A moving reference is brought to rest."""
 
     cdef void c_rebase(self, const double* state, const double* target) noexcept nogil:
-        """Express the current reference and the last target in other coordinates. Must be followed by an
-        `aim`.
+        """Replace the current reference and the last target with their values in other coordinates. Must be
+        followed by an `aim`.
         """
         memmove(self.ref, state, 3 * self.n * sizeof(double))
 
     cdef void c_aim(self, const double* target, const double* velocity, double duration_s) noexcept nogil:
-        """Take a new command, to be reached in `duration_s`: one command period."""
+        """Accept a new command, to be reached in `duration_s`, which is one command period."""
 
     cdef void c_advance(self) noexcept nogil:
         """Advance by one period."""
@@ -107,8 +109,8 @@ cdef class Hold(Interpolator):
 
 
 cdef class Linear(Interpolator):
-    """Constant velocity from the current reference to the target, during one command period. Then it
-    rests.
+    """Moves at constant velocity from the current reference to the target, within one command period, and
+    then rests.
     """
 
     cdef void c_begin(self, const double* state) noexcept nogil:
@@ -126,7 +128,7 @@ cdef class Linear(Interpolator):
         self.cycle, self.cycles = 0, duration_s / self.period_s
 
     cdef void c_advance(self) noexcept nogil:
-        # If a period ends within a cycle, the reference arrives with that cycle and is still moving.
+        # If a period ends within a cycle, the reference arrives with that cycle, still moving.
         cdef bint moving = self.cycle < self.cycles - EARLY
         cdef double share
         cdef int i, n = self.n

@@ -2,17 +2,17 @@
 
 from rtloop.generators.otg cimport Problem, Profile
 
-cdef struct Motion:  # Of one axis: m or rad, and s.
+cdef struct Motion:  # State of one axis, in m or rad, and s.
     double position, velocity, acceleration
 
-cdef struct Ladder:  # Shares of the jerk limit, the gentlest first.
+cdef struct Ladder:  # Shares of the jerk limit, the smallest first.
     int count
     double share[4]
-    double patience_s  # Maximum duration of the motion on all rungs except the last.
+    double patience_s  # Maximum duration of the motion with each share except the last.
 
 
 cdef inline Motion moved(Motion motion, double time_s) noexcept nogil:
-    """The motion after a time, or before it if the time is negative, at constant acceleration."""
+    """Return the motion after a time, which may be negative, at constant acceleration."""
     cdef Motion there = motion
     there.position += time_s * (motion.velocity + 0.5 * time_s * motion.acceleration)
     there.velocity += time_s * motion.acceleration

@@ -10,25 +10,27 @@ from rtloop.generators.moving_frame cimport Ladder, Motion, moved, plan_gently, 
 from rtloop.generators.otg cimport profile_at
 from rtloop.generators.target_estimate cimport Estimate
 
-# The estimate uses the targets of this time. At 100 Hz with 0.3 mrad of noise, the reference deviates by 5
-# mrad; with only three targets it would deviate by 0.1 rad. `Quintic` follows the noise anyway, so three are
-# enough there.
+# The target's motion is estimated from the targets of this time. At 100 Hz with 0.3 mrad of noise, the
+# reference deviates by 5 mrad; with only three targets it would deviate by 0.1 rad. `Quintic` follows the
+# noise in any case, so it uses three.
 WINDOW_S = 0.1
-# A correction uses the first of these shares of the jerk limit that is quick enough.
+# A correction uses the first of these shares of the jerk limit with which it is quick enough.
 cdef Ladder GENTLE
 GENTLE.count = 4
 GENTLE.share = [0.03, 0.1, 0.3, 1.0]
 GENTLE.patience_s = 0.25
-# A longer profile leads to a target so far away that only rounding would be left of it.
+# Maximum duration of a profile. A longer one would lead so far away that its result would be only rounding
+# error.
 cdef double MAX_PROFILE_S = 7600.0
 
 
 cdef class OnlineTrajectory(Interpolator):
     """The fastest profile to the moving target, within the limits of velocity, acceleration and jerk.
 
-    Until the next command the target is assumed to move as estimated, with constant acceleration. In a frame
-    that moves with it, the problem is a motion from a state to rest, see `moving_frame`. If no command has
-    arrived by the end of the period and a grace period, the reference brakes and settles on the target.
+    Until the next command, the target is assumed to move with the estimated velocity and a constant
+    acceleration. In a frame that moves with it, the problem is a motion from a state to rest, see
+    `moving_frame`. If no command has arrived by the end of the period and a grace period, the reference
+    decelerates and settles on the target.
     """
 
     def __init__(self, int n, double period_s, max_velocity, max_acceleration, max_jerk):
@@ -39,8 +41,8 @@ cdef class OnlineTrajectory(Interpolator):
         self.estimate = Estimate(max_velocity, max_acceleration, WINDOW_S)
         self.brake = Brake(period_s, max_acceleration, max_jerk)
         for i in range(n):
-            # The speed that a relative acceleration of the frame can add before it is reduced again, per unit
-            # of that acceleration.
+            # The speed that a relative acceleration of the frame can still add before it is reduced again,
+            # per unit of that acceleration.
             self.swing_s[i] = 1.5 * self.max_acceleration[i] / self.max_jerk[i]
         self._start_brake()
 
@@ -73,8 +75,7 @@ cdef class OnlineTrajectory(Interpolator):
         duration_s = max(duration_s, self.period_s)
         self.estimate.c_update(target, velocity, duration_s)
         for i in range(self.n):
-            # An acceleration that leaves room to both sides, because it must end before the limits are
-            # reached.
+            # An acceleration with a margin on both sides, because it must end before the limits are reached.
             room = self.max_velocity[i] - fabs(estimated[i])
             bound = fmin(0.8 * self.max_acceleration[i], room / (2.0 * (self.swing_s[i] + duration_s)))
             self.frame[i].position, self.frame[i].velocity = target[i], estimated[i]
@@ -95,7 +96,7 @@ cdef class OnlineTrajectory(Interpolator):
             return
         self.time_s += self.period_s
         if self.settling and self.time_s >= self.duration_s:
-            # Equal bit for bit, without the rounding of the profile's end.
+            # Set exactly, without the rounding at the profile's end.
             for i in range(n):
                 self.ref[i], self.ref[n + i], self.ref[2 * n + i] = self.frame[i].position, 0.0, 0.0
             self.estimate.c_forget()
@@ -118,7 +119,7 @@ cdef class OnlineTrajectory(Interpolator):
     cdef void _plan(self, double due_s) noexcept nogil:
         """Plan a profile from the reference to rest in the moving frame, within the joints' limits.
 
-        Each joint has its own profile. With time synchronisation, joints without a deviation would move too.
+        Each joint has its own profile. With time synchronisation, joints without a deviation would also move.
         """
         cdef Motion state
         cdef double room

@@ -9,10 +9,10 @@ cdef enum OtgResult:
     OTG_INVALID = 1
     OTG_NO_SOLUTION = 2  # The target cannot be reached within the limits.
 
-cdef struct Problem:  # Of one axis: m or rad, and s.
+cdef struct Problem:  # Problem of one axis, in m or rad, and s.
     double position, velocity, acceleration
     double target_position, target_velocity  # The target's acceleration is zero.
-    double min_velocity, max_velocity  # The velocity interface does not use them.
+    double min_velocity, max_velocity  # Not used by the velocity interface.
     double min_acceleration, max_acceleration
     double max_jerk
 

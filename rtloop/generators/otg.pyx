@@ -6,16 +6,18 @@ This module is long because its small functions are called often, and the compil
 one translation unit.
 
 How the position interface works. All quantities are divided by the jerk limit: the jerk is 1, an acceleration
-is the time to reach it. A motion up raises the acceleration to a peak, lets it fall, and raises it to zero:
+is the time to reach it. A motion up raises the acceleration to a peak, lowers it below zero, and raises it to
+zero again:
 
     jerk +1 from a0 to `rise`, hold if at the limit, jerk −1 to −`sink`, hold if at the limit, +1 to 0.
 
 With the end state given, these motions form one family with one parameter. The family begins with the
-shortest change of velocity alone, of displacement D0, and along it the duration T never decreases. A motion
-up has the greatest displacement of all motions of its duration, its mirror image the least (the maximum
-principle, for a linear system). What can be reached in a duration is therefore an interval that begins at D0
-and changes continuously, so that a displacement above D0 is reached first by a motion up, by the first one of
-the family with this displacement. One below D0 is the mirrored problem.
+shortest change of velocity, with the displacement D0. Along the family the duration T never decreases. A
+motion up has the greatest displacement of all motions of its duration, its mirror image the least (the
+maximum principle, for a linear system). The displacements that can be reached in a given duration are
+therefore an interval that begins at D0 and changes continuously. So a displacement above D0 is reached first
+by a motion up: the first one of the family with this displacement. A displacement below D0 is the mirrored
+problem.
 
 Two facts make that first one easy to find. Let w be the velocity where the falling acceleration is zero (a
 virtual one while `rise` is negative). By the maximum principle
@@ -24,18 +26,18 @@ virtual one while `rise` is negative). By the maximum principle
 
 and H first decreases and then increases while `rise` is negative, and increases from `rise` = 0 on. So D has
 at most one maximum before it grows for good, known in closed form; every root is bracketed alone, and
-Newton's method finds it. When w has come to the velocity limit, the family goes on with a cruise.
+Newton's method finds it. Once w is at the velocity limit, the family continues with a cruise.
 
-As long as nothing is held, the velocities give rise² − sink² = kappa, a constant, so that everything is
-rational in the duration of the fall, sigma = rise + sink. Sigma is the family's parameter, with holds as
-well, up to the motion that only just meets both limits.
+As long as nothing is held, the velocities imply rise² − sink² = kappa, a constant, so that everything is
+rational in the duration of the fall, sigma = rise + sink. Sigma is the family's parameter, also with holds,
+up to the motion that just reaches both limits.
 
-Axes together are brought along a straight line where that is possible, else synchronised in time: the faster
-ones cruise at a lower velocity.
+Several axes move along a straight line if possible. Otherwise they are synchronised in time: the faster ones
+cruise at a lower velocity.
 
-A state beyond the limits is first brought within them, by the rules of Ruckig, the reference of the tests.
-Vocabulary: Berscheid and Kröger, Jerk-limited Real-time Trajectory Generation with Arbitrary Target States,
-RSS 2021.
+A state beyond the limits is first brought within them, by the same rules as in Ruckig, the reference of the
+tests. Vocabulary: Berscheid and Kröger, Jerk-limited Real-time Trajectory Generation with Arbitrary Target
+States, RSS 2021.
 """
 
 from libc.math cimport INFINITY, cbrt, fabs, fmax, fmin, isfinite, sqrt
@@ -44,11 +46,11 @@ from libc.math cimport INFINITY, cbrt, fabs, fmax, fmin, isfinite, sqrt
 cdef enum:
     MAX_ITERATIONS = 80  # Newton's method needs about six, bisection alone would need 60.
 
-# Relative deviation between an axis that follows its plan and a new plan from there.
+# Relative deviation between an axis that follows its plan and a new plan from its current state.
 cdef double ROUNDING = 1e-13
-# Relative error of a profile's end. A larger error than by rounding is a failure.
+# Maximum relative error of a profile's end due to rounding. A larger error is a failure.
 cdef double END_TOLERANCE = 1e-9
-cdef double COLLINEAR = 1e-9  # Relative: the part of a vector across a line that counts as rounding.
+cdef double COLLINEAR = 1e-9  # Relative: a component across a line up to this size is rounding.
 
 
 # --- Profile ---
@@ -68,8 +70,8 @@ cdef inline void _advance(State* state, double time_s, double jerk) noexcept nog
 
 
 cdef inline void _append(Profile* profile, State* state, double duration_s, double jerk) noexcept nogil:
-    """Append a phase from this state, and set the state to the end of the phase. A duration that rounding has
-    made negative is omitted.
+    """Append a phase from this state, and set the state to its end. A phase whose duration is negative
+    because of rounding is omitted.
     """
     cdef int i = profile.count
     if not duration_s > 0.0:
@@ -85,8 +87,8 @@ cdef inline void _append(Profile* profile, State* state, double duration_s, doub
 
 
 cdef void profile_at(const Profile* profile, double time_s, double* out) noexcept nogil:
-    """Position, velocity and acceleration at a time. Before the start they are those of the start; from the
-    end on the velocity continues.
+    """Calculate position, velocity and acceleration at a time. Before the start, they are those of the start;
+    after the end, the motion continues with the final velocity.
     """
     cdef State state
     cdef double left = fmax(time_s, 0.0)
@@ -118,7 +120,7 @@ cdef inline void _stretch(const Profile* profile, int i, double time_s, double* 
 
 
 cdef void profile_extrema(const Profile* profile, double* out) noexcept nogil:
-    """The minimum and maximum position, including both ends."""
+    """Calculate the minimum and maximum position, including both ends."""
     cdef double v, a, jerk, root
     cdef int i
     out[0] = out[1] = profile.end_position
@@ -147,7 +149,7 @@ cdef struct Family:
     double end_velocity
     double max_acceleration, max_deceleration  # Both positive.
     double kappa
-    # Whether the shortest change of velocity begins with the fall. Otherwise it ends with the fall.
+    # Whether the shortest change of velocity begins with the fall; if not, it ends with it.
     bint falls
 
 
@@ -160,8 +162,8 @@ cdef inline void _begin(
     double max_acceleration, double max_deceleration,
 ) noexcept nogil:
     """Begin a family. If the target's velocity differs only by rounding from the velocity after the
-    acceleration has been reduced to zero, the latter is used. A ramp for the difference would take as long as
-    the square root of the rounding.
+    acceleration has been reduced to zero, the latter is used. The duration of a ramp for the difference would
+    be the square root of the rounding.
     """
     cdef double half_square = 0.5 * acceleration * acceleration
     cdef double change = end_velocity - velocity
@@ -179,8 +181,8 @@ cdef inline void _begin(
 
 
 cdef inline void _ramp(double change, double limit, double* peak, double* hold) noexcept nogil:
-    """The fastest change of velocity between two zeros of the acceleration: its peak, and the duration for
-    which the peak is held.
+    """Calculate the fastest change of velocity between two zeros of the acceleration: its peak, and the
+    duration for which the peak is held.
     """
     peak[0] = sqrt(fmax(change, 0.0))
     hold[0] = 0.0
@@ -189,7 +191,7 @@ cdef inline void _ramp(double change, double limit, double* peak, double* hold) 
 
 
 cdef inline void _shortest(const Family* family, Shape* shape) noexcept nogil:
-    """The shortest change of velocity, with which the family begins."""
+    """Calculate the shortest change of velocity, with which the family begins."""
     cdef double a0 = family.start_acceleration
     shape.rise_hold = shape.cruise = shape.sink_hold = shape.sink = 0.0
     if family.falls:
@@ -200,13 +202,13 @@ cdef inline void _shortest(const Family* family, Shape* shape) noexcept nogil:
 
 
 cdef inline double _top(const Family* family, const Shape* shape) noexcept nogil:
-    """w, the velocity at which the falling acceleration is zero."""
+    """Return w, the velocity at which the falling acceleration is zero."""
     return family.end_velocity + shape.sink * shape.sink + family.max_deceleration * shape.sink_hold
 
 
 cdef inline double _displacement(const Family* family, const Shape* shape) noexcept nogil:
-    """D without the cruise. Between two zeros of the acceleration the motion is symmetric in time, so the
-    mean velocity is that of both ends.
+    """Return D without the cruise. Between two zeros of the acceleration, the motion is symmetric in time, so
+    its mean velocity is that of its ends.
     """
     cdef double before = (
         family.start_velocity + shape.rise * shape.rise + family.max_acceleration * shape.rise_hold
@@ -219,13 +221,13 @@ cdef inline double _displacement(const Family* family, const Shape* shape) noexc
 
 
 cdef inline double _gain(const Family* family, const Shape* shape) noexcept nogil:
-    """H = dD/dT."""
+    """Return H = dD/dT."""
     return _top(family, shape) + 0.5 * shape.rise * shape.sink
 
 
 cdef inline double _at_sigma(const Family* family, double sigma, Shape* shape) noexcept nogil:
-    """The motion whose acceleration falls for this duration, at most the sum of both limits. Returns
-    dT/dsigma.
+    """Calculate the motion whose acceleration falls for the duration `sigma`, at most the sum of both limits.
+    Returns dT/dsigma.
     """
     cdef double high = family.max_acceleration, low = family.max_deceleration
     cdef double above = sigma * (sigma - 2.0 * high) + family.kappa
@@ -245,7 +247,7 @@ cdef inline double _at_sigma(const Family* family, double sigma, Shape* shape) n
 cdef void _solve(
     const Family* family, double displacement, double low, double high, Shape* shape
 ) noexcept nogil:
-    """The motion with this displacement, in a bracket with one root, by Newton's method from above."""
+    """Find the motion with this displacement, in a bracket with one root, by Newton's method from above."""
     cdef double sigma = high, following, off, slope
     cdef int _i
     for _i in range(MAX_ITERATIONS):
@@ -264,7 +266,7 @@ cdef void _solve(
 
 
 cdef inline double _first_maximum(const Family* family, double low, double high) noexcept nogil:
-    """The sigma at which H falls below zero, while `rise` is negative; `low` if there is none."""
+    """Return the sigma at which H falls below zero while `rise` is negative; `low` if there is none."""
     cdef double limit = family.max_deceleration, kappa = family.kappa
     cdef double free_from = low, root, sigma, mean
     if limit * limit + kappa <= 0.0:
@@ -288,8 +290,8 @@ cdef inline double _first_maximum(const Family* family, double low, double high)
 
 
 cdef inline double _beyond(double way, double gain) noexcept nogil:
-    """Upper bound of the increase of sigma when D has grown by this. From `rise` = 0 on, H grows by at least
-    sigma²/4, so D grows by at least 2 H sigma + sigma³/6.
+    """Return an upper bound of the increase of sigma when D increases by `way`. From `rise` = 0 on, H grows
+    by at least sigma²/4, so D grows by at least 2 H sigma + sigma³/6.
     """
     if gain > 0.0:
         return fmin(cbrt(6.0 * way), 0.5 * way / gain)
@@ -312,8 +314,8 @@ cdef inline void _hold_both(const Family* family, double way, Shape* shape) noex
 cdef inline bint _find_below_zero(
     const Family* family, double displacement, double tolerance, double* low, Shape* shape
 ) noexcept nogil:
-    """Find the motion if `rise` is negative in it. Otherwise set `low` and `shape` to those where `rise` is
-    zero.
+    """Find the motion if its `rise` is negative. Otherwise set `low` and `shape` to their values at `rise` =
+    0.
     """
     cdef double split = fmin(sqrt(-family.kappa), family.max_deceleration), maximum
     if _gain(family, shape) > 0.0:
@@ -339,7 +341,7 @@ cdef bint _find(
     family's first motion in `shape`, and a displacement that is not below that motion's.
 
     Where D first decreases, or is at its maximum, a displacement that is larger by the tolerance would take
-    much longer. Since the difference may be rounding, it is neglected there.
+    much longer. There, this difference is neglected, because it may be rounding.
     """
     cdef double both = family.max_acceleration + family.max_deceleration
     cdef double a0 = family.start_acceleration, low = shape.rise + shape.sink, high
@@ -396,7 +398,7 @@ cdef inline Limits _mirrored(const Limits* limits) noexcept nogil:
 
 
 cdef inline bint _too_fast(double v, double a, const Limits* limits) noexcept nogil:
-    """Whether the velocity is above its limit, or will be, unless it ends below the lower limit anyway."""
+    """Whether the velocity is above its limit or will be, unless it would end below the lower limit."""
     cdef double half_square = 0.5 * a * a
     return (v > limits.max_velocity and v - half_square > limits.min_velocity) or (
         a > 0.0 and v + half_square > limits.max_velocity
@@ -406,8 +408,8 @@ cdef inline bint _too_fast(double v, double a, const Limits* limits) noexcept no
 cdef inline void _brake_velocity(
     double v, double a, const Limits* limits, double* fall, double* hold
 ) noexcept nogil:
-    """Jerk −1, then the minimum acceleration, until the velocity is at its upper limit, or would end below
-    the lower one.
+    """Calculate the phases with jerk −1, then the minimum acceleration, until the velocity is at its upper
+    limit or would end below the lower one.
     """
     cdef double least = limits.min_acceleration, until
     until = a + sqrt(fmax(a * a + 2.0 * (v - limits.max_velocity), 0.0))
@@ -422,7 +424,8 @@ cdef inline void _brake_velocity(
 cdef inline void _brake_acceleration(
     double v, double a, const Limits* limits, double* fall, double* hold
 ) noexcept nogil:
-    """Jerk −1 to the maximum acceleration, which is held while the velocity is below its lower limit."""
+    """Calculate the phases with jerk −1 to the maximum acceleration, which is held while the velocity is
+    below its lower limit."""
     cdef double most = limits.max_acceleration
     if v + 0.5 * a * a > limits.max_velocity:
         _brake_velocity(v, a, limits, fall, hold)
@@ -436,8 +439,8 @@ cdef inline void _brake_acceleration(
 
 
 cdef inline int _brake(double v, double a, const Limits* limits, double* fall, double* hold) noexcept nogil:
-    """Durations of the two phases that bring a state within the limits: jerk −1, then 0. Returns 1, or −1 if
-    mirrored, or 0 if the state is within the limits.
+    """Calculate the durations of the two phases that bring a state within the limits: jerk −1, then 0.
+    Returns 1, −1 if mirrored, or 0 if the state is already within the limits.
     """
     cdef Limits mirrored = _mirrored(limits)
     if a > limits.max_acceleration:
@@ -513,7 +516,7 @@ cdef inline bint _close(double is_, double wanted, double scale) noexcept nogil:
 
 
 cdef int otg_velocity(const Problem* problem, Profile* profile) noexcept nogil:
-    """The shortest motion from a state to the target's velocity, with zero acceleration at the end. An
+    """Plan the shortest motion from a state to the target's velocity, with zero acceleration at the end. An
     acceleration beyond the limits is first brought to the limit.
     """
     cdef double jerk = problem.max_jerk, high = problem.max_acceleration, low = problem.min_acceleration
@@ -544,8 +547,8 @@ cdef int otg_velocity(const Problem* problem, Profile* profile) noexcept nogil:
 cdef inline bint _plan(
     const State* state, const Problem* problem, const Limits* limits, Shape* shape, double* jerk
 ) noexcept nogil:
-    """Plan the motion from a state within the limits to the target, and its first jerk. Returns whether there
-    is one.
+    """Plan the motion from a state within the limits to the target, and determine its first jerk. Returns
+    whether there is one.
     """
     cdef double unit = problem.max_jerk
     cdef double displacement = (problem.target_position - state.position) / unit
@@ -583,7 +586,7 @@ cdef inline void _enter(
 
 
 cdef inline int _finish(const Problem* problem, Profile* profile, const State* state) noexcept nogil:
-    """The result code: whether the last phase has reached the target."""
+    """Return the result code, which states whether the last phase has reached the target."""
     cdef double scale = fabs(problem.velocity) + problem.max_velocity - problem.min_velocity
     profile.end_position, profile.end_velocity = problem.target_position, problem.target_velocity
     if _close(state.velocity, problem.target_velocity, scale) and _close(
@@ -594,8 +597,8 @@ cdef inline int _finish(const Problem* problem, Profile* profile, const State* s
 
 
 cdef int otg_position(const Problem* problem, Profile* profile) noexcept nogil:
-    """The shortest motion from a state to the target's position and velocity, with zero acceleration at the
-    end. A state beyond the limits is first brought within them, as fast as possible.
+    """Plan the shortest motion from a state to the target's position and velocity, with zero acceleration at
+    the end. A state beyond the limits is first brought within them, as fast as possible.
     """
     cdef double jerk = 0.0
     cdef Limits limits
@@ -642,19 +645,19 @@ cdef inline Ramp _ramp_to(double change, const Limits* limits) noexcept nogil:
 cdef inline void _cruise_at(
     const State* state, double target, const Limits* limits, double duration_s, Cruise* out
 ) noexcept nogil:
-    """The motion of this duration with the velocity in `out`. If the cruise has a negative duration, there is
-    no such motion. The state is in units of the jerk limit.
+    """Calculate the motion of this duration with the velocity in `out`. If its cruise has a negative
+    duration, there is no such motion. The state is in units of the jerk limit.
     """
     cdef double v = state.velocity, a = state.acceleration, cruise = out.velocity
     cdef double side = 1.0 if cruise >= v + 0.5 * a * fabs(a) else -1.0
-    cdef double lead = side * a  # The time for which the first ramp would have lasted before the start.
+    cdef double lead = side * a  # Duration of the part of the first ramp that lies before the start.
     cdef double change = cruise - (v - side * 0.5 * a * a), first, last
     out.first = _ramp_to(side * fmax(side * change, 0.0), limits)
     out.first.side = side
     out.last = _ramp_to(target - cruise, limits)
     first, last = 2.0 * out.first.peak + out.first.hold, 2.0 * out.last.peak + out.last.hold
     out.duration = duration_s - first + lead - last
-    # The displacement of a cruise for the whole time, minus the parts that the ramps lack. On average, each
+    # The displacement of a cruise for the whole time, minus the missing parts of the ramps. On average, a
     # ramp lacks half of its change of velocity.
     out.displacement = (
         cruise * duration_s - 0.5 * change * first + change * lead - a * a * a / 6.0
@@ -669,9 +672,9 @@ cdef bint _cruise(
 ) noexcept nogil:
     """Find the velocity of the cruise with which a motion of this duration has this displacement.
 
-    The displacement grows with the velocity of the cruise. Outside the range between the velocity to which
-    the start leads on its own and the target's velocity, the duration of the cruise decreases with the
-    distance from this range. Where the duration would be negative, the velocity is too far outside.
+    The displacement grows with the velocity of the cruise. The further this velocity is outside the range
+    between the velocity to which the start leads on its own and the target's velocity, the shorter the
+    cruise. A negative duration means that it is too far outside.
     """
     cdef double itself = state.velocity + 0.5 * state.acceleration * fabs(state.acceleration)
     cdef double low = fmin(itself, target), high = fmax(itself, target), following
@@ -744,7 +747,8 @@ cdef int otg_position_in(const Problem* problem, double duration_s, Profile* pro
 
 
 cdef int otg_step(const Problem* problem, double period_s, double* out) noexcept nogil:
-    """The state one period later on a plan to the target's position: position, velocity, acceleration."""
+    """Calculate the state one period later on a plan to the target's position: position, velocity,
+    acceleration."""
     cdef Profile profile
     cdef int result = otg_position(problem, &profile)
     if result == OTG_OK:
@@ -770,8 +774,8 @@ cdef inline double _quantity(const Problem* problem, int quantity) noexcept nogi
 
 
 cdef inline double _rounding(const Problem* problem, int quantity) noexcept nogil:
-    """The deviation of a quantity from the line that counts as rounding. Differences of positions, divided by
-    the period once and twice, have such deviations.
+    """Return the deviation of a quantity from the line that may be rounding. Rates that are differences of
+    positions, divided by the period once or twice, have such deviations.
     """
     if quantity == OFFSET:
         return COLLINEAR * (1e-3 + fabs(problem.target_position - problem.position))
@@ -781,8 +785,8 @@ cdef inline double _rounding(const Problem* problem, int quantity) noexcept nogi
 
 
 cdef inline bint _line(const Problem* problems, int n, int* quantity, int* axis) noexcept nogil:
-    """Whether all vectors of a problem lie on one line. Gives the largest vector, relative to the rounding,
-    and the axis of its largest coordinate. False if nothing has to move.
+    """Whether all vectors of a problem lie on one line. Also determines the largest vector, relative to the
+    rounding, and the axis of its largest coordinate. False if nothing has to move.
     """
     cdef double share, greatest = 1.0, ratio
     cdef int i, k

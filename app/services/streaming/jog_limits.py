@@ -129,7 +129,7 @@ class JogLimits:
 
     def share(self, position: Array, velocity: Array) -> tuple[float, Reason]:
         """Return the share of a velocity that is safe at this position, 0 to 1, and the reason if it is below
-        1, otherwise "".
+        1 ("" if it is 1).
         """
         share, reason = self._of_limits(position, velocity)
         near, why = self.of_obstacles(position, velocity)
@@ -190,7 +190,7 @@ class JogLimits:
 def allowed_speed(room: Array, deceleration: Array) -> Array:
     """Return the maximum speed of approach at a distance `room`, m or rad; see `RATE_PER_S`.
 
-    The deceleration, in the same unit per s², is never exceeded on the way.
+    An approach at this speed never needs more than `deceleration`, in the same unit per s².
     """
     left = np.maximum(room, 0.0)
     far = 2.0 * deceleration * left - (deceleration / RATE_PER_S) ** 2
@@ -198,8 +198,8 @@ def allowed_speed(room: Array, deceleration: Array) -> Array:
 
 
 def damped(jacobian: Array, twist: Array) -> Array:
-    """Return the smallest joint velocities that produce a twist, shape (dof,). Near a singularity they are
-    damped, because the exact velocities would grow without bound.
+    """Return the smallest joint velocities that produce a twist, shape (dof,). Near a singularity, where
+    these would grow without bound, they are damped.
 
     Args:
         jacobian: shape (6, dof).

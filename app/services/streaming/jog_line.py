@@ -1,9 +1,9 @@
 """The line along which a jog moves the TCP, and the rotation about an axis.
 
-If only joint velocities were commanded, the TCP would leave its line, because the Jacobian changes on the
-way. So the pose on the line is tracked, and deviations from it are corrected. When a jog ends, rtloop stops
-each joint separately, as quickly as possible. During this stop the TCP also leaves the line, by up to 3 mm
-and 0.7° at 0.1 m/s. The next jog corrects this deviation, so that the deviations of many jogs do not add up.
+With joint velocities alone, the TCP would leave its line, because the Jacobian changes along the way. So the
+pose on the line is tracked, and deviations from it are corrected. When a jog ends, rtloop stops each joint
+separately, as quickly as possible, so the TCP leaves the line by up to 3 mm and 0.7° at 0.1 m/s. The next jog
+corrects this deviation, so that the deviations of many jogs do not add up.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from cobot.types import Array
 CORRECTION_PER_S = 10.0
 """Gain for returning the TCP to its line, 1/s."""
 MOVED_RAD = 1e-3
-"""Maximum distance of a joint from the last target, rad or m. At a larger distance something else has moved
-the arm.
+"""Maximum distance of a joint from the last target, rad or m. If it is larger, something else has moved the
+arm.
 """
 FAR_M, FAR_RAD = 0.01, 0.05
 """Maximum deviation from the line after a jog that the next jog corrects, m and rad. Larger deviations are
@@ -66,8 +66,8 @@ class JogLine:
         self._pose = _shifted(self._pose, way[:3], way[3:])
 
     def rest(self, position: Array) -> None:
-        """Record that the arm has stopped at these joint positions. The line continues from there, but
-        without the deviation caused by the stop, unless it is large.
+        """Record that the arm has stopped at these joint positions. The line continues from there. Unless it
+        is large, the deviation caused by the stop will be corrected.
         """
         pose = self._model.forward(position)
         moved, turned = self._deviation(pose)
@@ -76,7 +76,7 @@ class JogLine:
         self.twist, self._rest = np.zeros(6), position.copy()
 
     def rests_at(self, position: Array) -> bool:
-        """Whether the arm is still where it came to rest."""
+        """Whether the arm is still where it has stopped."""
         return bool(np.abs(position - self._rest).max() < MOVED_RAD)
 
     def _deviation(self, pose: Pose) -> tuple[Array, Array]:

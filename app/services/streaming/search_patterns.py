@@ -1,9 +1,8 @@
-"""Patterns along which a tool in contact searches for a hole or an edge, as offsets from the point of
-contact.
+"""Patterns along which a tool in contact searches for a hole or an edge.
 
-A pattern is a function of the distance along it. It returns an offset (m) and a rotation vector of the tool
-(rad), both across the push direction, or None at the end of the pattern. The TCP slows down in corners and
-narrow curves, because a jump of its velocity would disturb the force.
+A pattern is a function of the distance along it. It returns the tool's offset from the point of contact (m)
+and a rotation vector (rad), both across the push direction, or None beyond the end of the pattern. The TCP
+slows down in corners and narrow curves, because a jump of its velocity would disturb the force.
 """
 
 from __future__ import annotations
@@ -29,8 +28,8 @@ class Search:
 
     Attributes:
         offset: function that returns the offset at a distance along the pattern, m; None beyond its end.
-        room_m: function that returns the length on which the speed at this distance depends, m: the distance
-            to the nearest corner or to the start, or half the radius of a curve.
+        room_m: function that returns the length that limits the speed at this distance, m: the distance to
+            the nearest corner or to the start, or half the radius of the curve.
     """
 
     offset: Callable[[float], SearchOffset | None]
@@ -38,7 +37,7 @@ class Search:
 
 
 LEVER_M = 0.05
-"""Lever that converts an angle of a tilt to a distance, m, so that one speed fits all patterns."""
+"""Lever that converts the angle of a tilt to a distance, m, so that one speed fits all patterns."""
 LEANINGS = 12
 """Number of directions in which a tilt leans in turn."""
 
@@ -93,7 +92,7 @@ def raster(radius_m: float, pitch_m: float) -> Search:
 
 
 def tilt(angle_rad: float) -> Search:
-    """Lean over and back in each of `LEANINGS` directions. Opposite directions follow each other."""
+    """Lean over and back in each of `LEANINGS` directions. Each direction is followed by its opposite."""
     once = 2.0 * angle_rad * LEVER_M
 
     def offset(way_m: float) -> SearchOffset | None:

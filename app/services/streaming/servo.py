@@ -1,4 +1,4 @@
-"""Servo sessions: points that clients send one by one, followed in one of seven modes.
+"""Servo sessions: the arm follows points that clients send one by one, in one of seven modes.
 
 This module connects the protocol's rules in `cobot.servo.protocol` with the modes in rtloop. `servo_sessions`
 begins and ends sessions, `servo_points` handles their points, and `servo_wrench` handles their wrench.
@@ -70,7 +70,7 @@ class ServoService:
 
     @property
     def reason(self) -> str:
-        """Reason why the last session has ended, or could not begin; "" while a session is open."""
+        """Reason why the last session ended or could not begin; "" while a session is open."""
         return self._sessions.reason
 
     @property
@@ -79,7 +79,7 @@ class ServoService:
         return self._sessions.generation
 
     def holds(self, session: int) -> bool:
-        """Whether this session is still the one that accepts points."""
+        """Whether this session still accepts points."""
         return self.rules.active and self.session == session
 
     async def handle(self, text: str) -> None:
@@ -87,11 +87,11 @@ class ServoService:
         self.receive(text)
 
     def receive(self, text: str) -> None:
-        """Like `handle`, but without waiting. A session begins in the background, and points that arrive
-        meanwhile wait for it.
+        """Like `handle`, but without waiting. A session begins in the background. Points that arrive before
+        it has begun wait for it.
         """
         message = self.rules.read(text)
-        if not isinstance(message, Point):  # points are covered by the entries of their session
+        if not isinstance(message, Point):  # points have no entries of their own, only their session does
             audit.note("joint_cmd", message=text)
         match message:
             case SetMode():
@@ -132,7 +132,8 @@ class ServoService:
 
         Raises:
             InputError: the mode does not exist, or a time is out of range.
-            ConflictError: another client is moving the arm, or a stop was requested later than the session.
+            ConflictError: another client is moving the arm, or a stop has been requested since the session
+                was.
             NotReadyError, ExecutionError, UnavailableError: see `StreamService.open`.
         """
         try:
@@ -161,15 +162,16 @@ class ServoService:
         gain: float = 0.0,
         owner: str = "",
     ) -> None:
-        """Send a point to the session: joint angles in rad, or a pose [x, y, z, rx, ry, rz]. All other values
-        are 0 by default.
+        """Send a point to the session: joint angles in rad, or a pose [x, y, z, rx, ry, rz]. The other values
+        default to 0.
 
         Args:
             owner: see `begin`.
 
         Raises:
             ConflictError: there is no session, the buffer is full, or another client has control.
-            LimitError, UnreachableError, InputError: the target is impossible; the error gives the reason.
+            LimitError, UnreachableError, InputError: the target cannot be reached; the error gives the
+                reason.
         """
         self._streams.require_control()
         try:
@@ -217,7 +219,7 @@ class ServoService:
         }
 
     def close(self) -> None:
-        """Stop sending points. rtloop ends the session when this process ends."""
+        """Stop sending points, because the service is ending. rtloop then ends the session."""
         self._sessions.close()
 
 

@@ -1,5 +1,5 @@
-"""Handles servo points on their way to rtloop: solves the inverse kinematics, and keeps points until their
-session begins.
+"""Prepares servo points for rtloop: solves the inverse kinematics, and keeps points until their session
+begins.
 """
 
 from __future__ import annotations
@@ -40,9 +40,7 @@ class PointInverse:
         self._not_before_s = 0.0
 
     def restart(self) -> None:
-        """Start again. The next point counts as the first one and continues from the arm's commanded
-        position.
-        """
+        """Start again: the solution for the next point is the one nearest to the arm's commanded position."""
         self._before = None
 
     def accept(self, joints: Sequence[float]) -> None:
@@ -55,7 +53,8 @@ class PointInverse:
         """
         if not point.cartesian:
             return point.position
-        begun_s = time.perf_counter()  # The time of this computation does not count on the service's clock.
+        # Not the service's clock, on which no time need pass during the computation.
+        begun_s = time.perf_counter()
         if self._link.clock.now_s() < self._not_before_s:
             raise BrokenRule(
                 Refusal.INVERSE_KINEMATICS,
@@ -98,14 +97,14 @@ class ServoPoints:
         return dropped
 
     def begin(self, session: StreamSession) -> None:
-        """Pass the waiting points on to a session that has begun."""
+        """Pass the waiting points to a session that has begun."""
         self._writer.begin(session.number)
         self._wrench.begin(session)
         while self._waiting:
             self._pass_on(*self._waiting.popleft(), session)
 
     def take(self, point: Point, session: StreamSession | None) -> None:
-        """Pass a point on to the session, or keep it until the session begins.
+        """Pass a point to the session, or keep it until the session begins.
 
         Raises:
             BrokenRule: the point is rejected and counted.
@@ -130,7 +129,7 @@ class ServoPoints:
         self._rules.accept(point)
 
     def _pass_on(self, joints: Sequence[float], point: Point, session: StreamSession) -> None:
-        """Pass on a point that has waited and was already accepted."""
+        """Pass a point to the session. It has already been accepted, and may have waited."""
         try:
             self._put(joints, point, session)
         except BrokenRule as exc:

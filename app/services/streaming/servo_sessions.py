@@ -1,5 +1,5 @@
-"""Begins and ends servo sessions. Each begins after the arm has come to rest from the previous one, and ends
-for exactly one reason.
+"""Begins and ends servo sessions. Each begins once the arm is at rest after the previous one, and ends for
+exactly one reason.
 """
 
 from __future__ import annotations
@@ -32,12 +32,11 @@ log = logging.getLogger("cobot.servo")
 
 
 class ServoSessions:
-    """Manages one robot's servo sessions, one at a time. Each request gets a number, which is called its
-    generation.
+    """Manages one robot's servo sessions, one at a time. Each request has a number, its generation.
 
     Attributes:
         generation: number of the last request.
-        reason: reason why the last session has ended, or could not begin; "" while a session is open.
+        reason: reason why the last session ended or could not begin; "" while a session is open.
     """
 
     def __init__(
@@ -57,19 +56,19 @@ class ServoSessions:
         self._rules = rules
         self._points = points
         self._inverse = inverse
-        self._session: StreamSession | None = None  # rtloop's session, until the arm is at rest
+        self._session: StreamSession | None = None  # rtloop's session; kept until the arm is at rest
         self._belongs_to = 0  # the generation for which the session was begun
         self._task: asyncio.Task[None] | None = None
         self._followers: set[asyncio.Task[None]] = set()
 
     @property
     def current(self) -> StreamSession | None:
-        """The last requested session, once it has begun; None as soon as it is ending."""
+        """The last requested session, from its beginning until it starts to end; otherwise None."""
         return self._session if self._belongs_to == self.generation else None
 
     @property
     def phase(self) -> str:
-        """Phase of the session, as the word that the feedback uses."""
+        """Phase of the session, as a word for the feedback."""
         if not self._rules.active:
             return "idle" if self._session is None else "closing"
         return "opening" if self.current is None else "active"
@@ -116,7 +115,7 @@ class ServoSessions:
             await asyncio.shield(session.ended)
 
     def close(self) -> None:
-        """Stop sending points. rtloop ends the session when this process ends."""
+        """Stop sending points, because the service is ending. rtloop then ends the session."""
         for task in (self._task, *self._followers):
             if task is not None:
                 task.cancel()
@@ -154,7 +153,7 @@ class ServoSessions:
 
     async def _begin(self, request: SetMode, stops: int) -> StreamSession:
         """Wait for a claim that is being released, then request the session from rtloop. rtloop rejects the
-        session if a stop was requested later.
+        session if a stop has been requested since.
         """
         deadline_s = self._link.clock.now_s() + PATIENCE_S
         if request.mode in FORCE_MODES:
@@ -190,17 +189,17 @@ class ServoSessions:
             self._rules.end()
             self.reason = reason
         log.info("%sservo mode %d has ended: %s", self._link.label, mode, reason)
-        if not self._rules.active:  # no client has requested another session
+        if not self._rules.active:  # no client has requested another session yet
             with contextlib.suppress(CobotError):
                 await self._force.take_back()
 
 
 def session_request(request: SetMode, info: np.ndarray, force: ForceSettings) -> np.ndarray:
-    """Make the request to rtloop: a record of `cobot.ipc.layout.session_dtype`.
+    """Make the request to rtloop, a record of `cobot.ipc.layout.session_dtype`.
 
     Args:
         info: record of `cobot.ipc.layout.info_dtype`.
-        force: settings of force control. They apply to the modes with force control while it is enabled.
+        force: settings of force control. They apply to the modes with force control, if it is enabled.
     """
     asked = nominal_session(info)
     asked["servo_mode"], asked["watchdog_s"] = request.mode, request.watchdog_s

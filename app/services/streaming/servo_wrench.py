@@ -1,4 +1,4 @@
-"""Passes the wrench of force control on to servo sessions with force control."""
+"""Passes force control's wrench to the servo sessions that use it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cobot.ipc.layout import Stream, setpoint_dtype
 
 
 class ServoWrench:
-    """Passes force control's wrench on to the session whenever it changes."""
+    """Passes force control's wrench to the session whenever it changes."""
 
     def __init__(self, force: ForceService, dof: int) -> None:
         self._force = force

@@ -36,9 +36,7 @@ from cobot.types import RESTING, LoopMode
 
 MAX_CONNECTIONS = 32
 SHOWN_CYCLES = 2
-"""Number of cycles after which the state must show an accepted session, unless the session has already
-ended.
-"""
+"""Number of cycles within which the state must show an accepted session, unless it has already ended."""
 
 log = logging.getLogger("cobot.streams")
 
@@ -47,11 +45,11 @@ class StreamSession:
     """One session, from its acceptance by rtloop until the arm is at rest.
 
     Attributes:
-        number, stream: number of the session in rtloop, and its kind.
+        number, stream: number and kind of the session in rtloop.
         name: the client's displayed name.
         setpoint: the newest accepted setpoint.
         refused: number of frames that arrived out of order.
-        over: reason why targets are no longer followed; "" while they are followed.
+        over: reason why the arm no longer follows targets; "" while it follows them.
         ended: future that is done when the arm is at rest. Its result is the reason why the session ended.
         tell: function that is called once with a message if the first target is too far from the arm.
     """
@@ -72,7 +70,7 @@ class StreamSession:
         self._first = first
 
     def take_setpoint(self, sequence: int, setpoint: np.ndarray) -> None:
-        """Follow this setpoint from now on.
+        """Make the arm follow this setpoint.
 
         Args:
             sequence: number of the client's frame, which must increase.
@@ -92,7 +90,7 @@ class StreamSession:
 
     def report_refusal(self, state: np.ndarray) -> None:
         """Inform the client if this state, `cobot.ipc.state_fields.state_dtype`, shows that its first target
-        is rejected.
+        was rejected.
         """
         refusal = self._first.refusal(self.number, state)
         if refusal:
@@ -125,7 +123,7 @@ class StreamSession:
             self._writer.end()
 
     def finish(self, reason: str) -> None:
-        """End a servo session after the points that are already waiting, but after at most a second."""
+        """End a servo session after the points that are already waiting, but within a second."""
         if not self.ended.done():
             self.over = self.over or reason
             self._writer.finish()
@@ -163,11 +161,12 @@ class StreamService:
     def info(self) -> np.ndarray:
         """The last robot description from rtloop. The flange-to-TCP transform in it changes with the tool.
 
-        It consists of zeros until rtloop has written a description, which may be after the service starts.
+        It consists of zeros until rtloop has written a description, which may take until after the service
+        has started.
         """
         block = self._link.memory.info
         if (sequence := block.sequence) != self._info_sequence:
-            with contextlib.suppress(TornReadError):  # The next call then finds the description.
+            with contextlib.suppress(TornReadError):  # The next call will find the description.
                 self._info, self._info_sequence = block.read().copy(), sequence
         return self._info
 
@@ -235,7 +234,7 @@ class StreamService:
         if last is not None and self._link.state().session != last.number:
             await asyncio.shield(
                 last.ended
-            )  # the session has ended in rtloop, and the client knows this before the service
+            )  # in rtloop the session has ended, and the client knows before the service does
         caller = caller or Caller(name, None, self._ownership.stops, math.inf, asyncio.Event())
         with contextlib.ExitStack() as stack:
             claim = stack.enter_context(await self._ownership.claim_motion(caller))
@@ -252,7 +251,7 @@ class StreamService:
                 stream, [text(each) for each in self.info["joint_names"]], self._link.state().record
             )
             session = StreamSession(number, stream, name, self._link.memory.dof, self._writer, first)
-            # From here claim and blocks belong to the task that follows the session to its end.
+            # From here on, the task that follows the session to its end owns the claim and the blocks.
             with logs.add_ids(session=number):
                 task = asyncio.create_task(self._follow(session, claim, stack.pop_all()))
             self._tasks.add(task)
@@ -264,18 +263,20 @@ class StreamService:
         return session
 
     def estop(self, session: StreamSession) -> None:
-        """Latch an e-stop on behalf of the streaming client, which stops the arm."""
+        """Latch an e-stop on behalf of the streaming client. This stops the arm."""
         session.estop()
         self._link.events.publish("estop", what="asked for", by=str(CLIENT.get()), session=session.number)
 
     def lose(self, session: StreamSession) -> None:
-        """End a session whose client has lost its connection, after the usual timeout for targets."""
+        """End a session whose client has lost its connection. The arm stops after the usual timeout for
+        targets.
+        """
         asyncio.get_running_loop().call_later(
             self.section.command_timeout_s, session.end, "the connection to the client was lost"
         )
 
     def close(self) -> None:
-        """Leave a session that has not ended. rtloop ends it when this process ends."""
+        """Leave the current session, which rtloop ends when this process ends."""
         for task in self._tasks:
             task.cancel()
 
@@ -313,11 +314,11 @@ class StreamService:
             try:
                 state = await self._link.await_fresh_state(STATE_TIMEOUT_S)
             except CobotError as exc:
-                session.end()  # rtloop must not continue a session that no client owns
+                session.end()  # rtloop must not continue a session that has no client
                 return str(exc)
             session.report_refusal(state.record)
             cause = claim.interruption
-            if cause is not None and str(cause) != BY_STOP:  # rtloop has its own message for this case
+            if cause is not None and str(cause) != BY_STOP:  # for this case, rtloop has its own message
                 code, by = cause.details.get("cause", ""), cause.details.get("by", "")
                 session.over = session.over or Reason(str(cause), code, (by,) if by else ())
             if state.session != session.number:

@@ -1,4 +1,4 @@
-"""Arms of cobot as robots of LeRobot: `--robot.type=cobot` for one arm, `bi_cobot` for two."""
+"""Arms served by cobot as LeRobot robots: `--robot.type=cobot` for one arm, `bi_cobot` for two."""
 
 from lerobot_robot_cobot.bimanual import BiCobotRobot
 from lerobot_robot_cobot.config_cobot import BiCobotRobotConfig, CobotArmConfig, CobotRobotConfig

@@ -1,5 +1,5 @@
-"""Two arms of cobot as one robot of LeRobot. As in LeRobot's own robots with two arms, the names of the
-observations and actions of an arm begin with `left_` or `right_`.
+"""Two arms served by cobot as one LeRobot robot. As in LeRobot's own two-armed robots, the names of an arm's
+observations and actions begin with `left_` or `right_`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class BiCobotRobot(CalibratedRobot):
     """Two arms of running services. When one arm fails, the other one is stopped too.
 
     Args:
-        connect: makes the streaming client of an arm from the URL and the token.
+        connect: function that makes the streaming client of an arm from the URL and the token.
     """
 
     config_class: ClassVar[type[BiCobotRobotConfig]] = BiCobotRobotConfig
@@ -65,7 +65,7 @@ class BiCobotRobot(CalibratedRobot):
         return all(part.is_connected for part in parts)
 
     def connect(self, calibrate: bool = True) -> None:
-        """Begin a session with both arms, and open the cameras. If one part fails, none stays connected.
+        """Begin a session with both arms, and open the cameras. If one of them fails, none stays connected.
 
         Raises:
             DeviceAlreadyConnectedError: the robot is already connected.
@@ -81,7 +81,7 @@ class BiCobotRobot(CalibratedRobot):
             raise
 
     def get_observation(self) -> dict[str, Any]:
-        """The observations of both arms, and a picture of each camera.
+        """Return the observations of both arms, and a picture from each camera.
 
         Raises:
             DeviceNotConnectedError: an arm is not connected or does not answer. Both arms are then stopped.
@@ -105,7 +105,7 @@ class BiCobotRobot(CalibratedRobot):
 
     def disconnect(self) -> None:
         """Stop both arms and release them for other clients. May be called again."""
-        with ExitStack() as parts:  # each part is disconnected even if another one fails
+        with ExitStack() as parts:  # disconnect each part even if another one fails
             for camera in self._cameras.values():
                 if camera.is_connected:
                     parts.callback(camera.disconnect)
@@ -121,7 +121,7 @@ class BiCobotRobot(CalibratedRobot):
 
     @contextmanager
     def _together(self) -> Iterator[None]:
-        """When an arm or a camera fails, stop both arms, even if the program continues."""
+        """If an arm or a camera fails in the context, stop both arms, even if the program continues."""
         try:
             yield
         except BaseException:

@@ -17,14 +17,14 @@ otherwise 0.
 
 
 def observed(reading: GripperReading) -> dict[str, float]:
-    """The columns of a gripper reading. Values that the gripper does not report are 0."""
+    """Return the columns of a gripper reading. Values that the gripper does not report are 0."""
     held = float(reading.object.is_held)
     numbers = (reading.known_width, reading.target_width, reading.known_force, held)
     return dict(zip(OBSERVED, numbers, strict=True))
 
 
 def targets(action: Mapping[str, Any], features: Mapping[str, Any]) -> dict[str, float]:
-    """The numbers of an action, one for each of these features.
+    """Return the numbers of an action, one for each feature.
 
     Raises:
         ValueError: a feature is missing or not a finite number.

@@ -14,11 +14,11 @@ from lerobot.robots import RobotConfig
 class CobotArmConfig:
     """
     Attributes:
-        url: service URL, or of one of its robots: http://HOST:8007/robots/NAME.
+        url: URL of the service, or of one of its robots: http://HOST:8007/robots/NAME.
         token: access token, if the service requires one. Default: the environment variable COBOT_TOKEN.
         joints: the robot's joint names, in their order.
-        gripper: whether the gripper is observed and moved too. The robot must then have a gripper.
-        rate_hz: rate of LeRobot's loop, 1 to 1000.
+        gripper: whether to observe and move the gripper, too. If true, the robot must have a gripper.
+        rate_hz: rate of LeRobot's loop, 1 to 1000 Hz.
         interpolation: interpolation between two actions: quintic, ruckig or linear.
         cameras: LeRobot's camera configurations, by name.
     """
@@ -46,7 +46,8 @@ class BiCobotRobotConfig(RobotConfig):
     Attributes:
         left_arm_config: the arm whose observations and actions begin with `left_`.
         right_arm_config: the arm whose observations and actions begin with `right_`.
-        cameras: LeRobot's camera configurations that belong to no arm, by name. Their names have no prefix.
+        cameras: LeRobot's configurations of cameras that belong to neither arm, by name. Their names have no
+            prefix.
     """
 
     left_arm_config: CobotArmConfig

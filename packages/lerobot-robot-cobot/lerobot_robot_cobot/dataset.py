@@ -19,11 +19,11 @@ STATE, ACTION, IMAGES = "observation.state", "action", "observation.images."
 
 
 def to_dataset(files: Sequence[Path], repo_id: str, root: Path, *, videos: bool = True) -> Any:
-    """One dataset of all episodes, in order.
+    """Make one dataset of all episodes, in order.
 
     Args:
         root: a folder that does not exist yet.
-        videos: whether pictures are stored as videos; if not, as single files.
+        videos: whether to store pictures as videos; if false, as single files.
 
     Returns:
         LeRobot's dataset.
@@ -70,7 +70,7 @@ def to_dataset(files: Sequence[Path], repo_id: str, root: Path, *, videos: bool 
 
 
 def _numbers(episode: Any, index: int) -> dict[str, Any]:
-    """State and action of a frame: first the joints, then the gripper if the robot has one."""
+    """Return the state and action of a frame: first the joints, then the gripper if the robot has one."""
     state, action = episode.position[index], episode.action[index]
     if episode.gripper:
         seen = episode.gripper[index]
@@ -99,7 +99,7 @@ def _features(episode: Any, videos: bool) -> dict[str, Any]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """`cobot-to-lerobot FOLDER EPISODE...`. Returns the exit status."""
+    """Run `cobot-to-lerobot FOLDER EPISODE...`. Returns the exit status."""
     parser = argparse.ArgumentParser("cobot-to-lerobot", description=__doc__)
     parser.add_argument(
         "root", type=Path, metavar="FOLDER", help="folder of the dataset, which must not exist yet"

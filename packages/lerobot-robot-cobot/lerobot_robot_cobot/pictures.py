@@ -9,7 +9,7 @@ from lerobot.cameras import Camera
 
 
 def latest_pictures(cameras: Mapping[str, Any]) -> dict[str, Any]:
-    """One picture of each camera, by name.
+    """Return one picture from each camera, by name.
 
     Raises:
         TimeoutError: a camera has no picture, or its latest picture is too old.
@@ -19,7 +19,7 @@ def latest_pictures(cameras: Mapping[str, Any]) -> dict[str, Any]:
 
 def _latest(camera: Any) -> Any:
     # `read_latest` does not wait for the next picture, so a slow camera does not delay the arm. LeRobot 0.4.2
-    # does not have it, and where a camera does not implement it, LeRobot's base class warns and waits.
+    # does not have it. For a camera that does not implement it, LeRobot's base class warns and waits.
     own = getattr(type(camera), "read_latest", None)
     if own is None or own is getattr(Camera, "read_latest", None):
         return camera.async_read()
@@ -27,5 +27,5 @@ def _latest(camera: Any) -> Any:
 
 
 def picture_shapes(configs: Mapping[str, Any]) -> dict[str, tuple[int, int, int]]:
-    """Height, width and channels of each camera's pictures, by name."""
+    """Return the height, width and channels of each camera's pictures, by name."""
     return {name: (each.height, each.width, 3) for name, each in configs.items()}

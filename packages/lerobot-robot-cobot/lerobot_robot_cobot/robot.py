@@ -1,5 +1,5 @@
 """A robot for LeRobot. Observations are joint angles and pictures, actions are target joint angles, rad. With
-a gripper both also have its width, m.
+a gripper, both include its width, m.
 
 Actions are sent through cobot's streaming interface (docs/streaming.md of cobot). Whatever the actions are,
 the arm moves smoothly, stays within its limits and avoids the obstacles in the service's scene.
@@ -24,7 +24,7 @@ from lerobot_robot_cobot.pictures import latest_pictures, picture_shapes
 
 
 class CalibratedRobot(LeRobot):  # type: ignore[misc, unused-ignore]
-    """A robot that LeRobot neither calibrates nor configures."""
+    """A robot that LeRobot need neither calibrate nor configure."""
 
     @property
     def is_calibrated(self) -> bool:
@@ -40,7 +40,7 @@ class CobotRobot(CalibratedRobot):
     """One arm of a running service.
 
     Args:
-        connect: makes the streaming client from the URL and the token.
+        connect: function that makes the streaming client from the URL and the token.
     """
 
     config_class: ClassVar[type[CobotRobotConfig]] = CobotRobotConfig
@@ -114,7 +114,7 @@ class CobotRobot(CalibratedRobot):
         )
 
     def get_observation(self) -> dict[str, Any]:
-        """Joint angles, rad, the gripper, and a picture of each camera.
+        """Return the joint angles, rad, the gripper's values, and a picture from each camera.
 
         Raises:
             DeviceNotConnectedError: the robot is not connected, or the arm does not answer.

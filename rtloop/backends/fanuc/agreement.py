@@ -1,4 +1,4 @@
-"""Checks that the controller and the model describe the same arm, and finds the reference from which the
+"""Checks that the controller and the model describe the same arm, and determines the reference from which the
 controller measures joint 3.
 """
 
@@ -21,9 +21,7 @@ from rtloop.backends.fanuc.options import FanucOptions
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 SAME_DEG = 0.1
-"""Maximum difference between the values of an axis in the two interfaces at rest, degrees. It is larger than
-their rounding errors.
-"""
+"""Maximum difference between an axis in the two interfaces at rest, degrees. It allows for rounding."""
 
 
 def face_plate(packet: StatusPacket) -> Pose | None:
@@ -87,8 +85,8 @@ class ArmAgreement:
         return dataclasses.replace(plate, position=plate.position + np.array([0.0, 0.0, height_m]))
 
     def _hint(self, found: dict[str, JointUnits], packet: StatusPacket, plate: Pose) -> str:
-        """Return a hint to set the other reference of joint 3, if only one reference was checked and the
-        other one would agree; otherwise "".
+        """Return the advice to set the other reference of joint 3, if only one was checked and the other one
+        would agree; otherwise "".
         """
         if len(found) > 1 or self._limits.dof <= J3:
             return ""

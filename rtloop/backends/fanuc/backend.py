@@ -1,6 +1,6 @@
 """FANUC arms over Stream Motion. The Remote Motion Interface handles the power, the program and the alarms.
 
-This module is long because it contains all methods that the cycle calls on this device.
+This module is long because it contains all methods of this device that the cycle calls.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from rtloop.contract import ContractRig
 
 START_S = 0.5
-"""Interval at which a controller that sends nothing is asked again for its state, s."""
+"""Interval between requests to a controller that sends no state, s."""
 POLL_S = 1.0
 LAST_S = 0.5
 """Timeout for sending the last command of a motion, s."""
@@ -54,7 +54,7 @@ class FanucBackend:
     answered.
 
     Attributes:
-        report_period_s: see `HasIo`. The collaborative speed clamp is read at the same interval.
+        report_period_s: see `HasIo`. The collaborative speed clamp is also read at this interval.
     """
 
     Options = FanucOptions
@@ -62,7 +62,7 @@ class FanucBackend:
         periods_s=(0.001, 0.002, 0.004, 0.008),
         measured=frozenset({"position", "velocity"}),
         io=True,
-        stops={2: False},  # the drives belong to the controller
+        stops={2: False},  # the controller switches the drives
         hardware=True,
     )
     report_period_s = 0.05
@@ -136,8 +136,8 @@ class FanucBackend:
             self._check_limits(self._table, self._tool)
 
     def enable(self) -> None:
-        """Enable the drives. Either side may start first. If the robot accepts no commands at the start, the
-        first command reports the reason, and a reset tries again.
+        """Enable the drives. The controller may start before or after cobot. If the robot accepts no commands
+        at the start, the first command reports the reason, and a reset tries again.
         """
         starts, self._starts = self._starts, False
         while not self.recover_step():
@@ -179,7 +179,7 @@ class FanucBackend:
         return True
 
     def recover_step(self) -> bool:
-        """End the remainder of the last motion. `enable_step` then begins a new one at the arm's position."""
+        """End what is left of the last motion. `enable_step` then begins a new one at the arm's position."""
         if self._unended and not self._silence_s > self._options.silence_s:
             if self._answered:
                 return False
@@ -244,7 +244,7 @@ class FanucBackend:
 
     def _require_motion(self) -> None:
         """Raise an error if the controller has ended the motion, because the arm then no longer follows
-        commands. This is also done in cycles without a packet.
+        commands. Also called in cycles without a packet.
         """
         if not self._enabled and self._lost:
             raise BackendError(f"the robot does not accept commands: {self._lost}")
@@ -283,9 +283,7 @@ class FanucBackend:
         )
 
     def set_tool(self, tool: Tool) -> None:
-        """Check the limits that the controller applies with this load. The payload itself is set at the
-        controller.
-        """
+        """Check the controller's limits with this load. The payload itself must be set on the controller."""
         if self._table is not None:
             self._check_limits(self._table, tool)
         self._tool = tool
@@ -307,7 +305,7 @@ class FanucBackend:
 
         return FanucRig(settings, limits)
 
-    # Its own
+    # Private methods
 
     def _start(self) -> None:
         """Ask the controller to send its state. The numbers of its packets then begin at 1 again."""
@@ -315,7 +313,7 @@ class FanucBackend:
         self._open_channel.send(encode_start(self._version))
 
     def _restart(self, now_s: float) -> bool:
-        """Execute one step of enabling a controller that sends nothing."""
+        """Execute one step of enabling a controller that sends no packets."""
         if now_s - self._asked_s > self._options.connect_s:
             raise BackendError(self._silent())
         if now_s - self._started_s > START_S:
@@ -382,8 +380,8 @@ class FanucBackend:
         self._open_channel.send(encode_command(packet))
 
     def _end_motion(self) -> None:
-        """Answer the newest packet with the last command of the motion: the current command, or the arm's
-        position if the arm no longer follows commands.
+        """Answer the newest packet with the last command of the motion: the current command or, if the arm no
+        longer follows commands, its position.
         """
         sent = self._transition.sent
         follows = self._enabled and sent is not None
@@ -397,8 +395,8 @@ class FanucBackend:
         require_accepted(table.check(self._limits, self._units, load))
 
     def _may_come_back(self, packet: StatusPacket) -> bool:
-        """Whether the program may end and run again without a fault. It may do so shortly after enabling,
-        which restarts it, and only while the arm does not move.
+        """Whether the program may end and start again without a fault. It may do so shortly after enabling,
+        which restarts it, as long as the arm does not move.
         """
         stopped = safety_stop(packet) or packet.robot_status & (RobotFlag.PENDANT | RobotFlag.ERROR)
         return self._clock() < self._join_until_s and not stopped

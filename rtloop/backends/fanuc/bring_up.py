@@ -1,4 +1,4 @@
-"""Uses the Remote Motion Interface to permit motion, and to report values that Stream Motion lacks.
+"""Uses the Remote Motion Interface to enable motion, and to report values that Stream Motion lacks.
 
 These methods run on the worker's thread.
 """
@@ -15,7 +15,7 @@ from rtloop.backends.fanuc.points import MAX_ANALOG, split
 from rtloop.backends.fanuc.rmi import RmiClient, RmiStatus, number_of
 
 SERVO_S, LOOK_S = 2.0, 0.1
-"""Timeout for the servos to become ready after a reset, and the interval at which they are checked, s."""
+"""Timeout for the servos to become ready after a reset, and the interval between checks, s."""
 RELEASE_S = 0.5
 """Time for the controller to notice that a connection is closed, s. Measured on a CRX: 0.2 s."""
 PORT_TYPES = {"F": "FLAG"}
@@ -28,7 +28,7 @@ class RmiReport:
 
     Attributes:
         drives: "on" or "off"; "" if unknown.
-        text: alarms and everything else that a user should read.
+        text: alarms and other information for users.
     """
 
     drives: str = ""
@@ -46,7 +46,7 @@ class BringUp:
         sleep: Callable[[float], None],
     ) -> None:
         self._rmi, self._options, self._clock, self._sleep = rmi, options, clock, sleep
-        self._lost = ""  # the reason why the last report failed
+        self._lost = ""  # reason why the last report failed
 
     def begin(self) -> None:
         """Clear the alarms, and start the program of Stream Motion.

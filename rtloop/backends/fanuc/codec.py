@@ -36,9 +36,7 @@ _NO_FORCE = _FORCE.pack(*[0.0] * 6, 0xFFFF_FFFF)
 _COMMAND = struct.Struct(f">IIIBBH{AXES}d{IO_BYTES}s")
 _CAPABILITY = struct.Struct(">7I")
 _SHORT_CAPABILITY = 25
-"""Length in bytes of the capability packet from some R-50iA controllers, whose last field is a single
-byte.
-"""
+"""Length of the capability packet of some R-50iA controllers, bytes. Its last field is a single byte."""
 _LIMITS_REQUEST = struct.Struct(">4I")
 _LIMITS = struct.Struct(f">6I{2 * THRESHOLDS}f")
 _BLOCK = struct.Struct(">4I")

@@ -2,7 +2,7 @@
 
 In packets, axes are in degrees, linear ones in mm. FANUC's teach pendant and its Remote Motion Interface
 measure joint 3 from the horizon: its value stays the same while joint 2 turns. Models measure it from joint
-2, and so do Stream Motion since version 3, and FANUC's own ROS driver ("J2/J3 interaction"):
+2, as do Stream Motion since version 3 and FANUC's own ROS driver ("J2/J3 interaction"):
 
     relative = horizon + joint 2
 

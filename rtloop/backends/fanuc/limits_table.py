@@ -1,7 +1,7 @@
 """The controller's own limits: a table for each axis, by payload and by the TCP speed.
 
 The controller stops with an alarm if a command exceeds the column of the current speed. A planner does not
-know that speed in advance, so the smallest value of all columns is used here.
+know that speed in advance, so the smallest value of all columns is used.
 """
 
 from __future__ import annotations
@@ -38,24 +38,24 @@ class LimitsTable:
         self.max_speed = 0
 
     def take(self, packet: LimitsPacket) -> None:
-        """Add a packet. Packets of axes that the model does not have are ignored."""
+        """Add a packet. Packets about axes that the model does not have are ignored."""
         if packet.axis <= self.unloaded.shape[1]:
             self.unloaded[packet.rate, packet.axis - 1] = packet.unloaded
             self.loaded[packet.rate, packet.axis - 1] = packet.loaded
             self.max_speed = packet.max_speed
 
     def missing(self) -> Iterable[tuple[int, LimitRate]]:
-        """The axes, starting at 1, and rates for which no packet has arrived."""
+        """List the axes, starting at 1, and rates for which no packet has arrived."""
         for rate in LimitRate:
             for axis in range(self.unloaded.shape[1]):
                 if np.isnan(self.loaded[rate, axis]).all():
                     yield axis + 1, rate
 
     def least(self, load: float | None) -> Array:
-        """The limits that are safe at any speed of the TCP, shape (3, dof).
+        """Return the limits that are safe at any TCP speed, shape (3, dof).
 
-        load: share of the full payload, 0 to 1. None: use the tighter one of the limits without load and at
-        full payload.
+        load: share of the full payload, 0 to 1; None for the tighter of the limits without load and at full
+        payload.
         """
         ends = self.unloaded.min(axis=2), self.loaded.min(axis=2)
         if load is None:

@@ -37,20 +37,20 @@ class FanucOptions(BackendOptions):
         program: TP program that the controller runs while cobot drives the arm.
         j3: reference of joint 3 in the stream. "relative" means joint 2, as in ROS models; "horizon" means
             the horizon, as on the teach pendant; "auto" determines the reference.
-        limits: source of the limits. "table" requests the controller's own limits and compares them with the
+        limits: source of the limits. "table" reads the controller's own limits and compares them with the
             model's; "model" uses only the model's limits, for controllers without a table.
-        rated_payload_kg: full payload to which the limits table refers; null to use the tighter one of the
-            limits without load and at full payload.
+        rated_payload_kg: full payload to which the limits table refers; null to use the tighter of the limits
+            without load and at full payload.
         override: speed override to set when the controller is enabled, per cent; null to leave it unchanged.
         payload_schedule: number of the payload schedule to select when the controller is enabled; null to
             leave it unchanged.
         io: inputs and outputs to read and set, such as DI[1], DO[3], RO[1], AI[1] or F[2].
-        check_pose: whether the pose that the controller reports must equal the model's pose.
+        check_pose: whether to check that the controller reports the model's pose.
         world_z_m: height of the controller's world frame above the model's base, m; null to accept any
             height.
         connect_s: timeout for each part of connecting.
         enable_s: timeout for the controller to permit motion.
-        silence_s: time without a packet after which the connection counts as lost, which is a fault.
+        silence_s: time without a packet after which the connection is lost, which is a fault.
         entry_rad: maximum distance of the arm from the first command.
     """
 

@@ -80,7 +80,7 @@ def layout_of(blocks: Sequence[IoBlock], kind: IoBlockKind) -> PointLayout:
 
 
 def blocks_of(names: Sequence[str]) -> tuple[IoBlock, ...]:
-    """Return the smallest number of blocks that contain these points.
+    """Return the smallest set of blocks that contains these points.
 
     Raises:
         BackendError: the blocks do not fit into a packet.
@@ -108,7 +108,7 @@ def _follows(before: tuple[PointType | None, int], after: tuple[PointType | None
 class Points:
     """The configured inputs and outputs: the values that the controller reports, and the outputs to set.
 
-    Real-time safe. It costs almost no time if no points are configured.
+    Real-time safe. It takes almost no time if no points are configured.
     """
 
     def __init__(self, names: Sequence[str]) -> None:
@@ -123,7 +123,7 @@ class Points:
         return [name for name in self.names if name in self._command.places]
 
     def begin(self, values: Mapping[str, int]) -> None:
-        """Begin with the current values of all outputs, so that none changes when commands begin."""
+        """Start from the current values of all outputs, so that none changes when commands begin."""
         for name, value in values.items():
             self._command.write(self._bytes, name, value)
 
@@ -137,7 +137,7 @@ class Points:
         return found
 
     def set(self, name: str, value: float) -> None:
-        """Set an output from the next command on.
+        """Set an output with the next command.
 
         Raises:
             BackendError: there is no such output, or the value is out of range.

@@ -1,8 +1,8 @@
 """FANUC's Remote Motion Interface: JSON objects, one per line, over TCP.
 
-A client connects to the well-known port, receives the number of a second port, and holds its session there.
-Only one request at a time waits for its reply. The controller may send other lines before the reply, which
-are skipped. The requests are defined in the manual B-84184EN and in `rmi/packets.hpp`, which FANUC publishes.
+A client connects to the well-known port, receives the number of a second port, and has its session there.
+Only one request at a time is pending. Other lines that the controller sends before the reply are skipped. The
+requests are defined in the manual B-84184EN and in `rmi/packets.hpp`, which FANUC publishes.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from rtloop.backends.fanuc.words import alarms_in_words, error_in_words
 
 MAX_LINE = 65_536
 MAX_SKIPPED = 100
-"""Maximum number of other lines that are skipped before a request counts as unanswered."""
+"""Maximum number of other lines that are skipped before a request fails."""
 REPLY_S = 2.0
 KINDS = ("Command", "Instruction", "Communication")
 SHOWN = 80
@@ -114,8 +114,8 @@ class RmiClient:
     """A session with the controller. Each method waits for its reply, at most `REPLY_S`.
 
     Raises:
-        BackendError: raised by each method if there is no connection, no reply or no usable reply, or if the
-            controller reports an error. The text describes the error in words.
+        BackendError: raised by each method if there is no connection or no usable reply, or if the controller
+            reports an error, which the text describes.
     """
 
     def __init__(self, where: str, port: int, connect_s: float, connect: Connect) -> None:
@@ -151,7 +151,7 @@ class RmiClient:
             self._lines = self._connect(port, self._connect_s)
 
     def drop(self) -> None:
-        """Close the connection without a request to end the session."""
+        """Close the connection without asking the controller to end the session."""
         lines, self._lines = self._lines, None
         if lines is not None:
             lines.close()
@@ -200,7 +200,7 @@ class RmiClient:
         return from_horizon(found)
 
     def call(self, program: str, sequence: int) -> None:
-        """Run a TP program. The controller replies when the program ends, so this does not wait for the
+        """Run a TP program. The controller replies only when the program ends, so this does not wait for the
         reply.
         """
         self._send({"Instruction": "FRC_Call", "SequenceID": sequence, "ProgramName": program})

@@ -37,7 +37,7 @@ ReplyT = TypeVar("ReplyT")
 
 
 class StreamChannel(Protocol):
-    """Interface that sends packets to one controller and receives packets from it."""
+    """Interface for sending packets to one controller and receiving packets from it."""
 
     def receive(self, timeout_s: float) -> list[bytes]:
         """Wait for a packet, and return all packets that have arrived, oldest first. Return [] after
@@ -69,7 +69,7 @@ class UdpClient:
 
     def receive(self, timeout_s: float) -> list[bytes]:
         packets: list[bytes] = []
-        # Not poll: it counts whole milliseconds, which is longer than a period.
+        # Not poll, whose timeout is in whole milliseconds, which may be longer than a period.
         if not select.select([self._socket], [], [], max(timeout_s, 0.0))[0]:
             return packets
         for _ in range(MAX_AT_ONCE):
@@ -77,14 +77,14 @@ class UdpClient:
                 packets.append(self._socket.recv(MAX_PACKET))
             except BlockingIOError:
                 break
-            except OSError:  # an error that a packet to a closed port has left behind
+            except OSError:  # an error because an earlier packet went to a closed port
                 continue
         return packets
 
     def send(self, packet: bytes) -> None:
         try:
             self._socket.send(packet)
-        except ConnectionRefusedError:  # left by an earlier packet; silence is detected elsewhere
+        except ConnectionRefusedError:  # caused by an earlier packet; silence is detected elsewhere
             pass
         except OSError as exc:
             raise BackendError(f"cannot send to {self._where}: {exc.strerror}") from exc
@@ -103,7 +103,7 @@ class Handshake:
         self._heard = ""
 
     def capability(self) -> CapabilityPacket:
-        """End a stream that an earlier client has left open, and request the controller's capabilities.
+        """End a stream that an earlier client may have left open, and request the controller's capabilities.
 
         Raises:
             BackendError: there is no reply, or the version is too old.

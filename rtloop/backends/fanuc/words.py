@@ -1,4 +1,4 @@
-"""Texts for the controller's alarms, error numbers and states, with their remedies."""
+"""Texts for the controller's alarms, error numbers and states, with advice."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def error_in_words(number: int) -> str:
 
 
 def alarm_in_words(alarm: object) -> str:
-    """Add the meaning to an alarm text from the controller. The alarm may be any value."""
+    """Return an alarm from the controller with its meaning. The alarm may be any value."""
     said = joined_text(alarm, MAX_ALARM)
     found = _NUMBER.search(said)
     meaning = ALARMS.get(found.group()) if found else None

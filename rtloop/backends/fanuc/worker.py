@@ -1,4 +1,4 @@
-"""A thread for requests that take some tenths of a second, so that the cycle never waits for them."""
+"""A thread for requests that take a few tenths of a second, so that the cycle never waits for them."""
 
 from __future__ import annotations
 
@@ -32,6 +32,6 @@ class RmiWorker:
         return done
 
     def close(self) -> None:
-        """Wait for the running job to end. Drop all waiting jobs."""
+        """Drop all waiting jobs, and wait for the running one to end."""
         if self._executor is not None:
             self._executor.shutdown(wait=True, cancel_futures=True)

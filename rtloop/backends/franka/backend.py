@@ -1,9 +1,9 @@
-"""Backend for a Franka arm. Without an impedance, the robot's own controller controls the joint positions.
-With an impedance, this backend sends torques.
+"""Backend for a Franka arm. Without an impedance, it commands positions, which the robot's own controller
+follows. With an impedance, it commands torques.
 
 The robot is externally clocked: it sends its state a thousand times per second and expects a command after
 each. If a command is late, the robot continues at constant acceleration, and `Bridge` continues from there. A
-reflex, the user stop and a lost connection end the control and cause a fault. A reset recovers from the
+reflex, the user stop or a lost connection ends the control and causes a fault. A reset recovers from the
 fault, with a new connection if the old one was lost.
 """
 
@@ -34,11 +34,11 @@ if TYPE_CHECKING:
 
 PERIOD_S = 0.001
 MAX_TORQUE_RATE = 990.0
-"""Maximum rate of the torques, N·m/s. Franka publishes 1000 for both robots; its controller treats higher
-rates as a jump.
+"""Maximum rate of the torques, N·m/s. Franka specifies 1000 for both robots; above that, the controller
+reports a discontinuity.
 """
 REST_RAD_S = 0.02
-"""Maximum speed of a joint at which the arm counts as at rest, rad/s."""
+"""The arm is at rest if no joint is faster than this, rad/s."""
 
 
 class FrankaBackend:
@@ -107,7 +107,7 @@ class FrankaBackend:
             if not self._link.is_open():
                 return False
             self._receive()
-        if self._impedance is not None:  # the previous controller of the arm is gone
+        if self._impedance is not None:  # a new connection begins without an impedance
             self.set_impedance(None)
         if self._link.control is not None:
             return True
@@ -121,17 +121,17 @@ class FrankaBackend:
 
     def recover_step(self) -> bool:
         """Request a recovery. `enable_step` executes it."""
-        self._preparing = None  # of an unfinished reset
+        self._preparing = None  # drop an unfinished reset
         return True
 
     def read(self, measured: Measured) -> None:
-        if not self._fresh:  # no cycle has waited for it
+        if not self._fresh:  # no cycle has waited for the state
             self._receive()
         self._fresh = False
         state = self._state
         measured.position[:], measured.velocity[:] = state.q, state.dq
         measured.effort[:], measured.desired_effort[:] = state.tau_J, state.tau_J_d
-        # The robot reports what it exerts on its surroundings; this reports what they exert on the robot.
+        # The robot reports the wrench that it exerts on its surroundings; `measured.wrench` is the opposite.
         measured.external_effort[:] = state.tau_ext_hat_filtered
         measured.wrench[:] = state.O_F_ext_hat_K
         measured.external *= -1.0
@@ -150,7 +150,7 @@ class FrankaBackend:
                 self._link.control.writeOnce(self._franka.Torques(torques.tolist()))
 
     def disable(self) -> None:
-        """End the control. The robot's own controller holds the arm. A person closes the brakes in Desk."""
+        """End the control. The robot's own controller then holds the arm; the brakes are closed in Desk."""
         if self._link.control is not None:
             with contextlib.suppress(BackendError), self._link.in_words():
                 self._end()
@@ -162,7 +162,7 @@ class FrankaBackend:
     # Paced, Reporting
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for the robot's next state. libfranka itself waits, with its own timeout."""
+        """Wait for the robot's next state. libfranka does the waiting, with its own timeout."""
         self._receive()
         return True
 
@@ -184,8 +184,8 @@ class FrankaBackend:
     # ImpedanceControlled, CarriesTool
 
     def set_impedance(self, impedance: Impedance | None) -> None:
-        """Switch between positions and torques. The arm must be at rest: the robot's control ends and another
-        begins. This takes some cycles.
+        """Switch between positions and torques. The arm must be at rest: control ends and begins again in the
+        other form, which takes a few cycles.
         """
         if impedance is not None and self._impedance is not None:
             self._impedance = impedance
@@ -198,11 +198,11 @@ class FrankaBackend:
 
     def set_tool(self, tool: Tool) -> None:
         self._tool = tool
-        if self._link.robot is not None:  # otherwise `enable` sends it
+        if self._link.robot is not None:  # if not connected, `enable` sends it later
             with self._pause():
                 self._tell_tool()
 
-    # Its own
+    # Private methods
 
     @staticmethod
     def contract_rig(settings: Settings, limits: JointLimits) -> ContractRig:
@@ -235,7 +235,7 @@ class FrankaBackend:
         yield False
 
     def _tell_tool(self) -> None:
-        """Send the load in the flange frame, in addition to the end effector that is set in Desk."""
+        """Send the load in the flange frame, without the end effector, which is set in Desk."""
         tool = self._tool
         inertia = tool.inertia_matrix.ravel(order="F").tolist()
         self._link.robot.set_load(tool.mass, list(tool.centre), inertia)

@@ -1,10 +1,10 @@
 """Transition from the motion that the robot expects to the commanded one, without a jump in velocity or
 acceleration.
 
-The robot continues at constant acceleration when a command does not reach it (Franka Control Interface,
-"Control Interface Specification and Robot Limits"). A motion must begin at the robot's own reference, which
-is not exactly the measured position. In both cases the next command differs from what the robot expects. The
-difference is added to the commands and fades out.
+If a command does not reach the robot, it continues at constant acceleration (Franka Control Interface,
+"Control Interface Specification and Robot Limits"). Moreover, a motion must begin at the robot's own
+reference, which is not exactly the measured position. In both cases the next command differs from the one
+that the robot expects. This difference is added to the commands and then faded out.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from cobot.types import Array
 MIN_DURATION_S, MAX_DURATION_S = 0.2, 1.0
 MAX_ACCELERATION = 2.0
 MAX_JERK = 1000.0
-"""Maximum acceleration and jerk of the fade-out, rad/s² and rad/s³. They are exceeded slightly if the
-difference begins with higher values.
+"""Maximum acceleration and jerk of the fade-out, rad/s² and rad/s³. They are slightly exceeded if the initial
+difference already has higher values.
 """
 JUMP_RAD = 1e-6
-"""Maximum difference between a command and the extrapolation of the previous one, rad. A larger difference
-counts as a jump. The value corresponds to a change in acceleration of 1 rad/s², or a jerk of 2000 rad/s³.
+"""Maximum difference between a command and the extrapolation of the previous one, rad. A larger difference is
+a jump. The value corresponds to a change in acceleration of 1 rad/s², or a jerk of 2000 rad/s³.
 """
 PLACES = np.linspace(0.0, 1.0, 41)
 
@@ -43,10 +43,11 @@ class Bridge:
         """Begin commands at rest at the robot's own reference, shape (dof,)."""
         self.sent[:] = 0.0
         self.sent[0] = position
-        self._duration_s, self._offset[:] = -1.0, 0.0  # unknown until there is a command
+        self._duration_s, self._offset[:] = -1.0, 0.0  # unknown until the first command
 
     def bridge(self, command: Array, periods: int) -> Array:
-        """Return the command to send next. The returned array is reused, so keep no reference to it.
+        """Return the command to send next. The array is reused by the next call, so do not keep a reference
+        to it.
 
         Args:
             periods: number of the robot's periods since the last command. It is 1, or more if packets were
@@ -73,7 +74,7 @@ class Bridge:
         return bool(np.minimum(by_last, by_mean).max() > JUMP_RAD)
 
     def _take_up(self, command: Array, periods: int) -> None:
-        """Begin to fade out the difference to the position that the robot has reached by itself."""
+        """Begin to fade out the difference from the position that the robot has reached on its own."""
         position, velocity, acceleration = self.sent
         ahead_s = periods * self._period_s
         expected = np.array(
@@ -87,8 +88,8 @@ class Bridge:
 
     def _fit(self, start: Array) -> None:
         self._time_s, self._duration_s = 0.0, MIN_DURATION_S
-        # A quintic that begins with an acceleration reaches 0.36 of it in the other direction, whatever its
-        # duration.
+        # A quintic that begins with an acceleration also reaches 0.36 times that in the opposite direction,
+        # whatever its duration.
         along = np.maximum(MAX_ACCELERATION, np.abs(start[2])) * (1.0 + 1e-9)
         against = MAX_ACCELERATION + 0.4 * np.abs(start[2])
         sign = np.where(start[2] < 0.0, -1.0, 1.0)

@@ -1,7 +1,7 @@
-"""The connection to the robot. It is established in small steps, and reports why it ends.
+"""The connection to the robot. It is established in small steps, and reports the reason if it is lost.
 
-If the robot does not answer, libfranka blocks the whole interpreter for a minute, and no cycle runs. So small
-steps first check whether the robot's address answers.
+If the robot does not answer, libfranka blocks the whole interpreter, and with it the cycle, for a minute. So
+its address is first checked in small steps.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ CONNECT_S = 3.0
 
 class Knocking(Protocol):
     def await_answer(self, wait_s: float = 0.0) -> bool:
-        """Whether the robot has answered; False if it has not answered yet.
+        """Whether the robot has answered yet.
 
         Raises:
             BackendError: the robot does not answer; the error gives the reason.
@@ -87,7 +87,7 @@ class Link:
     def __init__(self, address: str, realtime: str, library: Any, knock: Callable[[str], Knocking]) -> None:
         """
         Args:
-            library: None for the installed one.
+            library: None for the installed pylibfranka.
         """
         self.library: Any = library or _installed()
         self._address, self._realtime, self._knock = address, realtime, knock
@@ -97,7 +97,7 @@ class Link:
         self.lost = ""
 
     def is_open(self, wait_s: float = 0.0) -> bool:
-        """Whether the connection is open. If it is not, try to open it for at most this time.
+        """Whether the connection is open. If it is not, try for at most `wait_s` to open it.
 
         Raises:
             BackendError: the address does not answer, or is not a robot.
@@ -118,7 +118,7 @@ class Link:
 
     @contextlib.contextmanager
     def in_words(self) -> Iterator[None]:
-        """Translate libfranka's exceptions to cobot's. After an exception the control has ended."""
+        """Translate libfranka's exceptions to cobot's. An exception means that the control has ended."""
         library = self.library
         try:
             yield

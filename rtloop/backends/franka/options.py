@@ -20,12 +20,12 @@ class FrankaOptions(BackendOptions):
 
     Attributes:
         address: address of the robot's control unit, an IP address or a name.
-        realtime: "enforce" rejects a computer without a real-time kernel, which Franka Robotics requires;
-            "ignore" accepts it, for simulations and first steps.
+        realtime: "enforce" rejects computers without a real-time kernel, which Franka Robotics requires;
+            "ignore" accepts them, for simulations and first steps.
         contact_torque, contact_force: thresholds above which the robot reports contact, N·m for each joint,
             and N, N·m along each axis.
         collision_torque, collision_force: thresholds above which a reflex stops the robot.
-        check_pose: whether the pose that the robot reports must equal the model's pose.
+        check_pose: whether to check that the robot reports the model's pose.
         joint_stiffness: stiffness of the robot's own position controller, N·m/rad; None for the robot's
             default.
     """

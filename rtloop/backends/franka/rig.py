@@ -1,4 +1,4 @@
-"""The backend with a stand-in for the robot. The contract tests drive it and inject faults."""
+"""The backend with a stand-in for the robot, for the contract tests."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ LASTING = "joint_position_limits_violation"
 
 
 class FrankaRig:
-    """A `ContractRig` with a stand-in for the robot. It lacks the faults that do not exist for a Franka:
-    there are no modes T1, T2 and AUT, and libfranka drops packets that are out of order or have accumulated.
+    """A `ContractRig` with a stand-in for the robot. It lacks faults that do not exist on a Franka: there are
+    no modes T1, T2 and AUT, and libfranka drops packets that are out of order or have accumulated.
     """
 
     faults = frozenset(FAULTS) - {"operation_mode"}

@@ -1,7 +1,7 @@
-"""A stand-in for pylibfranka: a robot that executes commands, and loses packets and stops on request.
+"""A stand-in for pylibfranka: a robot that executes commands and, on request, loses packets and stops.
 
 It provides the part of the package that the backend uses. Like a Franka, it rejects settings while it is
-under control, and control while it is not ready. Each exchange is one period; there is no clock.
+under control, and control while it is not ready. Each exchange of packets is one period; there is no clock.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ START = (0.0, -0.7854, 0.0, -2.3562, 0.0, 1.5708, 0.7854)
 REFERENCE_OFF_RAD = 2e-4
 """Distance between the robot's reference and the measured position, rad."""
 LOST = 20
-"""While packets are lost, one in this number is lost."""
+"""One in this many packets is lost while packets are lost on request."""
 
 
 class FrankaStandIn:
-    """A stand-in for the robot, with the state that survives a lost connection.
+    """A stand-in for the robot. Its state survives a lost connection.
 
-    Attributes (set by the test that drives it):
+    Attributes (set by tests):
         lose: number of packets that are lost before the next state arrives.
         fail: exception that the next exchange raises.
         faults: lasting faults, as names of `rtloop.contract.FAULTS`.
-        refuses: the kind of control that is rejected, "positions" or "torques".
-        real_time: whether the computer is real-time.
+        refuses: kind of control that the robot rejects, "positions" or "torques".
+        real_time: whether the computer has a real-time kernel.
         positions, torques: commands since control began, cycle by cycle. While packets are lost, they are the
             robot's own continuation.
         wire: all commanded positions.
@@ -98,7 +98,7 @@ class FrankaStandIn:
         return self.connection
 
     def knock(self, address: str) -> FrankaStandIn:
-        """Replacement for `rtloop.backends.franka.link.Knock`."""
+        """Stands in for `rtloop.backends.franka.link.Knock`."""
         return self
 
     def await_answer(self, wait_s: float = 0.0) -> bool:
@@ -234,7 +234,7 @@ class StandInConnection:
         arm = self._arm
         lost, arm.lose = arm.lose, 0
         if {"loss", "reorder", "pile_up"} & arm.faults and arm.cycles % LOST == 0:
-            lost = 1  # overtaken packets are lost too, because libfranka accepts no older state
+            lost = 1  # overtaken packets are also lost, because libfranka does not accept an older state
         for _ in range(lost):
             arm.extrapolate()
         arm.cycles += lost

@@ -1,4 +1,4 @@
-"""Texts for the robot's reflexes and modes, and for their remedies."""
+"""Texts for the robot's reflexes and modes, with advice."""
 
 from __future__ import annotations
 
@@ -39,9 +39,7 @@ REFLEXES = {
     "self_collision_avoidance_violation": "two parts of the arm came too close to each other",
     "tau_j_range_violation": "a torque sensor is beyond its range",
 }
-"""Texts for the names of libfranka's errors. Errors that are not listed have names that are clear without a
-text.
-"""
+"""Texts for the names of libfranka's errors. The names of other errors need no explanation."""
 MODES = {
     "Idle": "ready",
     "Move": "moving",
@@ -81,5 +79,5 @@ def active_errors(state: Any) -> list[str]:
 
 
 def said(exc: Exception) -> str:
-    """Return a message from libfranka in one line."""
+    """Return a message from libfranka as one line."""
     return joined_text(exc).removeprefix("libfranka: ")

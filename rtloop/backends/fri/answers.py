@@ -47,8 +47,8 @@ class Answers:
         self._entry.forget()
 
     def held(self, message: MonitoringMessage) -> tuple[float, ...]:
-        """Return the position that the arm holds: the last command in a running motion, otherwise the
-        position of the controller's interpolator.
+        """Return the position that the arm holds: the last command during a motion, otherwise the position of
+        the controller's interpolator.
         """
         sent = self._entry.sent
         if sent is None or message.state != SessionState.COMMANDING_ACTIVE:

@@ -1,6 +1,6 @@
 """Backend for KUKA's LBR iiwa and LBR Med over the Fast Robot Interface.
 
-This module is long because it contains all methods that the cycle calls on this device.
+This module is long because it contains all methods of this device that the cycle calls.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ class FriBackend:
     """An externally clocked `Backend` for the robot controller. It also implements `Paced`, `Reporting` and
     `Stepwise`.
 
-    The session's state determines the answer to each packet. It contains no command while the session is only
-    monitored, the interpolator's position while a motion is waiting, and a command while it is running and
-    the connection is good.
+    The session's state determines the answer to each packet. The answer contains no command while the session
+    is only monitored, the interpolator's position while a motion is waiting to begin, and a command while the
+    motion is running and the connection is good.
     """
 
     Options = FriOptions
@@ -59,7 +59,7 @@ class FriBackend:
         torque=True,
         wrench=True,
         io=True,
-        stops={2: False},  # the drives belong to the cabinet
+        stops={2: False},  # the cabinet switches the drives
         hardware=True,
     )
 
@@ -90,9 +90,8 @@ class FriBackend:
         self._starts = True
         self._refused = ""
         self._malformed = 0
-        self._last_motion: Accepted | Rejected = (
-            ACCEPTED  # Why the last motion ended: the arm does not move again until a reset.
-        )
+        # Why the last motion ended. If it was rejected, the arm does not move until a reset.
+        self._last_motion: Accepted | Rejected = ACCEPTED
 
     def open(self, initial_position: Array) -> None:
         options, robot = self._options, self._robot
@@ -112,8 +111,8 @@ class FriBackend:
             require_accepted(check_agreement(model, np.array(self._newest.measured_position), flange))
 
     def set_tool(self, tool: Tool) -> None:
-        """Set the tool. It is used only for the reduced speed in T1, because the load of the drives is set at
-        the cabinet.
+        """Set the tool. It only affects the reduced speed in T1, because the load of the drives is set on the
+        cabinet.
         """
         self._reduced.set_tool(tool)
 
@@ -173,15 +172,15 @@ class FriBackend:
             self._require_motion()
 
     def enable(self) -> None:
-        """Enable the drives. Either side may start first. If the robot accepts no commands at the start, the
-        first command reports the reason, and a reset tries again.
+        """Enable the drives. The controller may start before or after cobot. If the robot accepts no commands
+        at the start, the first command reports the reason, and a reset tries again.
         """
         starts, self._starts = self._starts, False
         self.recover_step()
         nothing = np.zeros((3, self._limits.dof))
         try:
             while True:
-                self.write(nothing)  # answers the current packet, because no cycle runs now
+                self.write(nothing)  # answers the current packet, because no cycle is running yet
                 if self.enable_step():
                     return
                 self.wait(self._options.silence_s)
@@ -208,8 +207,8 @@ class FriBackend:
         return True
 
     def recover_step(self) -> bool:
-        """Wait for the recovery, which the controller's own program executes. Until it is done, the answers
-        only repeat the controller's position.
+        """Wait for the recovery, which the controller's own program carries out. Until it is done, the
+        answers only repeat the controller's position.
         """
         self._enabled, self._last_motion = False, ACCEPTED
         return True
@@ -259,7 +258,7 @@ class FriBackend:
         self._answers.torque[:] = torque
 
     def write_wrench(self, wrench: Array) -> None:
-        """Set the wrench that acts at the TCP from the next `write` on, shape (6,), N and N·m. Real-time
+        """Set the wrench that the TCP exerts from the next `write` on, shape (6,), N and N·m. Real-time
         safe.
         """
         self._answers.wrench[:] = wrench
@@ -272,8 +271,8 @@ class FriBackend:
         return FriRig(settings, limits)
 
     def _require_motion(self) -> None:
-        """Raise the error after the end of the controller's motion, also in a cycle without an answer: the
-        arm does not follow its command then.
+        """Raise an error if the controller's motion has ended, because the arm then does not follow commands.
+        Also called in cycles without an answer.
         """
         if self._enabled and isinstance(self._last_motion, Rejected):
             raise BackendError(f"the robot accepts no commands: {self._last_motion.reason}")
@@ -286,9 +285,7 @@ class FriBackend:
     def _checks_of_enabling(
         self, message: MonitoringMessage, waited_s: float
     ) -> Iterator[Accepted | Rejected]:
-        """Run the checks at the end of enabling. A controller that is not ready has `enable_s` to become
-        ready.
-        """
+        """Run the checks at the end of enabling. The controller must become ready within `enable_s`."""
         yield check_settings(message, self._options, self._period_s)
         yield check_command_mode(message, self._options)
         ready = check_readiness(message)
@@ -306,14 +303,14 @@ class FriBackend:
         return ready.reason if isinstance(ready, Rejected) else ""
 
     def _may_reconnect(self, message: MonitoringMessage) -> bool:
-        """Whether a lost session may return without a fault. It may return shortly after enabling, because
-        enabling may have kept this computer busy, and only while the arm does not move.
+        """Whether a lost session may return without a fault. It may do so shortly after enabling, which may
+        have kept this computer busy, as long as the arm does not move.
         """
         soon = self._joins and self._clock() < self._join_until_s
         return soon and message.safety == SafetyState.NORMAL_OPERATION
 
     def _is_other_version(self, message: MonitoringMessage) -> bool:
-        """Whether the controller now sends messages with a different frame than before, for example after a
+        """Whether the controller now frames its messages differently than before, for example after a
         restart.
         """
         before = self._beat.newest

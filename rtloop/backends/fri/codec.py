@@ -1,9 +1,9 @@
-"""Decoding of FRI messages, for both sides of the connection. The module `encoding` encodes them.
+"""Decoding of FRI messages, for both sides of the connection. See `encoding` for the reverse.
 
 The field numbers are defined in the generated sources of the vendor's client. FRI 1.11 to 1.17 and 2.x share
-the identifiers and all fields that are read here. Only 1.x has a commanded joint position (field 3 of the
-monitor data), only 2.x a measured pose (field 9), only 2.7 an external force (field 6) and a frame around
-each message (`framing`). Unknown fields are skipped.
+the identifiers and most fields that are read here. Only 1.x has a commanded joint position (field 3 of the
+monitor data), only 2.x has a measured pose (field 9), and only 2.7 has an external force (field 6) and a
+frame around each message (`framing`). Unknown fields are skipped.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ _POSE, _WRENCH = 7, 6
 
 
 def decode_monitoring(packet: bytes) -> MonitoringMessage | str:
-    """Decode a monitoring message, or return the reason in words why the packet is invalid. Never raises,
-    regardless of the bytes.
+    """Decode a monitoring message, or return the reason why the packet is invalid. Never raises, whatever the
+    bytes.
     """
     return _decode(packet, MONITORING_ID, "monitoring", _monitoring)
 

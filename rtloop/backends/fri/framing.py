@@ -1,7 +1,7 @@
 """The frame around messages in FRI 2.7: the length of the message, the message, and its CRC-32 checksum.
 
-The length and the checksum are Protobuf fixed32 values: four bytes, lowest first. Older releases send the
-bare message. It begins with its header: the key of field 1, the length of the header, and the key of the
+The length and the checksum are Protobuf fixed32 values: four bytes, lowest first. Older releases send only
+the message. It begins with its header: the key of field 1, the length of the header, and the key of the
 identifier in the header.
 """
 

@@ -8,15 +8,13 @@ from enum import IntEnum
 MONITORING_ID = 0x245142
 COMMAND_ID = 0x34001
 MAX_JOINTS = 16
-"""Maximum number of joints. It is more than any KUKA arm has, and equals the size of the arrays in the
-compiled core.
-"""
+"""Maximum number of joints. No KUKA arm has so many; it is the size of the arrays in the compiled core."""
 MAX_IO = 10
 MAX_NAME = 63
 """Maximum length of the name of an input or output, bytes."""
 
 FRAMED_VERSION = "2.7"
-"""The FRI release that puts a frame around its messages."""
+"""The FRI release with a frame around its messages."""
 
 
 class SessionState(IntEnum):
@@ -63,7 +61,7 @@ class ControlMode(IntEnum):
 
 
 class CommandMode(IntEnum):
-    """Kind of command that the overlay of the running motion accepts from the client."""
+    """Kind of command that the running motion's overlay accepts from the client."""
 
     NONE = 0
     POSITION = 1
@@ -95,8 +93,8 @@ class IoDirection(IntEnum):
 class FriHeader:
     """
     Attributes:
-        sequence: number of the sender's message, modulo 2**32.
-        reflected: the newest `sequence` of the other side that the sender has received.
+        sequence: number of the message, modulo 2**32.
+        reflected: `sequence` of the newest message that the sender has received.
     """
 
     identifier: int

@@ -29,9 +29,9 @@ class FriOptions(BackendOptions):
         overlay: command type of the motion in the cabinet's program.
         connect_s: timeout for the first packet.
         enable_s: timeout for the controller to accept commands.
-        silence_s: time without a packet after which the connection counts as lost, which is a fault.
+        silence_s: time without a packet after which the connection is lost, which is a fault.
         entry_rad: maximum distance of the arm from the controller's interpolator when commands begin.
-        check_pose: whether a pose that the controller reports must equal the model's pose.
+        check_pose: whether to check that the controller, if it reports a pose, reports the model's pose.
         min_tracking: minimum tracking performance when commands begin, 0 to 1.
     """
 

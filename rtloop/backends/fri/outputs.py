@@ -1,4 +1,4 @@
-"""Outputs to set at the cabinet. They are sent with the answers until the controller reports the new
+"""Outputs to set on the cabinet. They are sent with the answers until the controller reports the new
 values.
 """
 
@@ -16,7 +16,7 @@ SENT_S = 1.0
 repeated because packets may be lost.
 """
 UNFIT = "/\ufffd"
-"""Character that also replaces bytes that are not UTF-8."""
+"""Characters that cannot be in a public name. The second one replaces bytes that are not UTF-8."""
 KINDS = {IoType.BOOLEAN: IoKind.BOOLEAN, IoType.DIGITAL: IoKind.DIGITAL, IoType.ANALOG: IoKind.ANALOG}
 
 
@@ -58,7 +58,7 @@ class _Wanted:
     """An output that is being set.
 
     Attributes:
-        first: number of the first answer that contained the output; None before that.
+        first: number of the first answer that contains the output; None if it has not been sent.
         left: number of further answers that will contain the output.
     """
 
@@ -68,14 +68,14 @@ class _Wanted:
 
 
 class Outputs:
-    """The outputs that must be set. Real-time safe. It costs almost no time while no output must be set."""
+    """The outputs that must be set. Real-time safe. Takes almost no time if there are no outputs to set."""
 
     def __init__(self, period_s: float) -> None:
         self._answers = round(SENT_S / period_s)
         self._wanted: dict[str, _Wanted] = {}
 
     def set(self, message: MonitoringMessage, name: str, value: float) -> None:
-        """Set an output from the next answer on.
+        """Set an output, beginning with the next answer.
 
         Raises:
             BackendError: the name is not one of the outputs in the message.

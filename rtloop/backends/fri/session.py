@@ -1,6 +1,4 @@
-"""Evaluates the controller's packets: why the controller accepts no commands, and which settings do not match
-it.
-"""
+"""Evaluates the controller's packets: whether it accepts commands, and whether the settings match it."""
 
 from __future__ import annotations
 
@@ -31,7 +29,7 @@ STATES = {
     SessionState.COMMANDING_ACTIVE: "",
 }
 HAND_GUARDED = (OperationMode.T1, OperationMode.T2)
-"""Modes in which the operator must hold the enabling switch."""
+"""Modes in which the operator must hold the enabling switch for a motion."""
 
 
 def takes_commands(message: MonitoringMessage) -> bool:
@@ -39,7 +37,7 @@ def takes_commands(message: MonitoringMessage) -> bool:
 
 
 def check_readiness(message: MonitoringMessage) -> Accepted | Rejected:
-    """Check whether the controller accepts commands."""
+    """Check that the controller accepts commands."""
     if message.safety != SafetyState.NORMAL_OPERATION:
         return Rejected(STOPPED[message.safety])
     if takes_commands(message):
@@ -63,7 +61,7 @@ def is_version(found: str, wanted: str) -> bool:
 
 
 def check_settings(message: MonitoringMessage, options: FriOptions, period_s: float) -> Accepted | Rejected:
-    """Check whether this controller can be driven with these settings."""
+    """Check that this controller can be used with these settings."""
     if options.version != "auto" and message.version and not is_version(message.version, options.version):
         return Rejected(
             f"the controller uses FRI {message.version}, but robot.backend.version is "
@@ -79,9 +77,7 @@ def check_settings(message: MonitoringMessage, options: FriOptions, period_s: fl
 
 
 def check_command_mode(message: MonitoringMessage, options: FriOptions) -> Accepted | Rejected:
-    """Check whether the controller's motion uses the overlay that is set in the options. An unknown overlay
-    is accepted.
-    """
+    """Check that the controller's motion uses the overlay in the options. An unknown overlay is accepted."""
     wanted = COMMAND_MODES[options.overlay]
     if message.state < SessionState.COMMANDING_WAIT or message.command_mode == wanted:
         return ACCEPTED
@@ -94,7 +90,7 @@ def check_command_mode(message: MonitoringMessage, options: FriOptions) -> Accep
 def check_entry(
     message: MonitoringMessage, options: FriOptions, names: tuple[str, ...], held: tuple[float, ...]
 ) -> Accepted | Rejected:
-    """Check whether the arm is at the position that it is commanded to hold, so that commands may begin.
+    """Check that the arm is at the position that it is commanded to hold, so that commands may begin.
 
     Args:
         held: position of the controller's interpolator, or the last command if a motion is running.

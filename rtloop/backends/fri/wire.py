@@ -1,8 +1,8 @@
 """The part of Protobuf's wire format that FRI needs.
 
-A message is a sequence of fields. Each field consists of a key, which contains a number and a kind, and a
-value. The kinds are: 0 for a varint, 1 for eight bytes, 2 for a length and that many bytes, 5 for four bytes.
-Source: "Encoding", Protocol Buffers documentation.
+A message is a sequence of fields. Each field consists of a key, which contains the field's number and kind,
+and a value. The kinds are: 0 for a varint, 1 for eight bytes, 2 for a length and that many bytes, 5 for four
+bytes. Source: "Encoding", Protocol Buffers documentation.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _DOUBLE_FIELD = 1 + _DOUBLE.size
 
 
 class WireError(Exception):
-    """Raised if bytes are not a message. Its text gives the reason."""
+    """Raised if bytes are not a valid message. The text gives the reason."""
 
 
 def read_varint(data: bytes, at: int, end: int) -> tuple[int, int]:

@@ -1,5 +1,4 @@
-"""Arms that are controlled by ros2_control, over DDS. Neither ROS nor rclpy has to be installed on this
-computer.
+"""Arms controlled by ros2_control, over DDS. Neither ROS nor rclpy needs to be installed on this computer.
 
 options   the options
 link      the process that speaks DDS, and the facts that it reports

@@ -43,7 +43,7 @@ class Ros2ControlArm(ControllerClient):
     state_period_s = LOOK_S
 
     def __init__(self, settings: Settings, limits: JointLimits, link: ControllerLink | None = None) -> None:
-        """Create the device. `link` is for tests.
+        """Create the device. `link` replaces the connection in tests.
 
         Raises:
             ConfigError: the joints or the namespace are wrong.
@@ -64,9 +64,9 @@ class Ros2ControlArm(ControllerClient):
         self._await()
 
     def enable(self) -> None:
-        """Cancel any remaining goal and check for faults again.
+        """Cancel any remaining goal, and check again for faults.
 
-        No drive is switched on here, because the driver does that.
+        The drives are not switched on here, because the driver does that.
         """
         self._link.open()
         self._link.forget()

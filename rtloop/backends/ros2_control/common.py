@@ -1,4 +1,4 @@
-"""The common part of both ros2_control backends."""
+"""The common parts of both ros2_control backends."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ log = logging.getLogger("cobot.rtloop")
 
 
 class ControllerClient:
-    """A client of an arm's controllers: it checks what they report, and makes the status."""
+    """A client of an arm's controllers. It checks their reports, and makes the status."""
 
     capabilities: Capabilities
     way = words.GOALS
@@ -66,7 +66,7 @@ class ControllerClient:
         self._link.set_output(self._gpio.place_of(name), value)
 
     def _look_at_facts(self) -> Facts:
-        """Get the facts. Log outputs that were not set or were set late, and inputs that cannot be read."""
+        """Get the facts. Log outputs that were not set or set late, and inputs that cannot be read."""
         before, self._facts = self._facts, self._link.facts()
         if (problem := self._facts.gpio_problem) and problem != before.gpio_problem:
             log.warning("inputs and outputs of the device: %s", problem)

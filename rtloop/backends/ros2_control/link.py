@@ -1,7 +1,7 @@
 """The link to the controllers: a separate process that speaks DDS (`cobot.dds.arm_client`).
 
-The process is polled several times a second. Because it is separate, network traffic and the decoding of
-messages do not occupy the interpreter of the cycle. Motions are sent to it as binary arrays.
+The process is polled several times a second. Because it is separate, network traffic and decoding do not
+block the interpreter that runs the cycle. Motions are sent to it as binary arrays.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class GoalFacts:
         error_code, error_string: fields of the result.
         lost: whether the action server disappeared before the result.
         stopping: whether cobot has cancelled it.
-        running_s: time since the goal was sent, or from its sending to its result, s.
+        running_s: time since the goal was sent, s; once there is a result: from sending to result.
         desired: desired positions in the last feedback, in the arm's order, shape (dof,), rad; None before
             the first feedback.
         feedback_age_s: age of this feedback, s.
@@ -129,7 +129,7 @@ class ControllerLink(Protocol):
         ...
 
     def facts(self) -> Facts:
-        """The current facts."""
+        """Return the current facts."""
         ...
 
     def load(self, times_s: Array, rows: Array) -> None:
@@ -141,8 +141,8 @@ class ControllerLink(Protocol):
         ...
 
     def cancel(self) -> str:
-        """Cancel all goals of the action and wait for the answer. Return "" after success, otherwise the
-        reason of the failure.
+        """Cancel all goals of the action and wait for the answer. Returns "" on success, otherwise the reason
+        for the failure.
         """
         ...
 
@@ -155,7 +155,7 @@ class ControllerLink(Protocol):
         ...
 
     def pause(self, duration_s: float) -> None:
-        """Wait for this time between two polls."""
+        """Wait between two polls."""
         ...
 
 

@@ -33,14 +33,14 @@ Tolerance = Annotated[float, Field(gt=0.0, le=1.0)]
 
 
 class Ros2ControlOptions(BackendOptions):
-    """Options of an arm that ros2_control controls. The section `ros` of the settings defines the DDS domain
-    and the networks.
+    """Options of an arm that ros2_control controls. The DDS domain and the networks are set in the section
+    `ros` of the settings.
 
     Attributes:
         namespace: namespace of the controllers, such as /left; "" for none.
         controller: name of the joint trajectory controller; None for the active controller that moves these
             joints.
-        action: name of its action, if it is not NAMESPACE/CONTROLLER/follow_joint_trajectory.
+        action: name of the controller's action, if it is not NAMESPACE/CONTROLLER/follow_joint_trajectory.
         controller_manager: controller manager name below the namespace.
         joint_states: topic of the joint states; below the namespace if it does not begin with a slash.
         joints: the arm's joint names in ROS, in the arm's order; None for the names in the model.
@@ -56,8 +56,8 @@ class Ros2ControlOptions(BackendOptions):
         result_timeout_s: timeout for the result after the end of a motion, s.
         connect_s: timeout for the driver when the backend is opened or reset, s.
         speed_scaling: topic of the speed slider, of type std_msgs/Float64.
-        speed_scaling_full: value of the speed slider at full speed. None means 100 after a value above 1 was
-            seen, otherwise 1, because drivers differ.
+        speed_scaling_full: value of the speed slider at full speed. None means 100 if a value above 1 has
+            been received, otherwise 1, because drivers differ.
         io: where the inputs and outputs are: at a GPIO controller of ros2_controllers, or at a driver with
             its own services.
         gpio_controller: the GPIO controller's name, or the name prefix of the driver's services; None for the
@@ -122,7 +122,7 @@ class Ros2ControlOptions(BackendOptions):
         return self.namespace if name is None else self.below(name)
 
     def below(self, name: str) -> str:
-        """Put a name below the namespace, unless it begins with a slash."""
+        """Return a name below the namespace, unless it begins with a slash."""
         return name if name.startswith("/") else f"{self.namespace}/{name}"
 
     def remote_setting(self, settings: Settings) -> str:

@@ -1,4 +1,4 @@
-"""Convert a motion to the points of a goal, and the controller's feedback to progress."""
+"""Converts a motion to the points of a goal, and the controller's feedback to progress."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from cobot.types import Array
 from rtloop.backends.protocols import BackendError
 
 AHEAD_S, FASTER = 0.3, 1.2
-"""Length of the part of the path, ahead of the last progress, in which a position from the feedback is
-searched: an offset in s, plus this multiple of the elapsed time.
+"""How far ahead of the last progress a position from the feedback is searched on the path: an offset, s, plus
+this multiple of the elapsed time.
 """
 SAME_RAD = 1e-5
 OPEN_S = 1e-3
-"""Remaining time that the reported progress leaves at least until the result arrives, s."""
+"""Minimum remaining time of the reported progress until the result arrives, s."""
 
 
 def resampled(
@@ -59,12 +59,12 @@ class PathProgress:
         return float(self._times_s[-1])
 
     def look(self, running_s: float, place: Array | None, since_s: float) -> float:
-        """Find a position on the path, and return the progress, s.
+        """Find the arm's position on the path, and return the progress, s.
 
         Args:
             running_s: time since the motion began, s.
             place: desired or measured position of the joints, shape (dof,), rad; None if unknown.
-            since_s: progress since the time of this position, s.
+            since_s: progress of the motion since `place` was reported, s.
         """
         elapsed_s = max(running_s - self._running_s, 0.0)
         self._running_s = running_s
@@ -75,8 +75,8 @@ class PathProgress:
         return self.done_s
 
     def _find(self, place: Array, low_s: float, high_s: float, likely_s: float) -> float:
-        """Return the time between `low_s` and `high_s` at which the path is nearest to `place`. If there are
-        several, return the one nearest to `likely_s`.
+        """Return the time between `low_s` and `high_s` at which the path is nearest to `place`; of several,
+        the one nearest to `likely_s`.
         """
         first = max(int(np.searchsorted(self._times_s, low_s - AHEAD_S)) - 1, 0)
         last = min(int(np.searchsorted(self._times_s, high_s)) + 1, len(self._times_s))

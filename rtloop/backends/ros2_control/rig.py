@@ -1,6 +1,6 @@
 """The backend with a simulated controller in the same process, for the contract checks.
 
-The simulated controller uses no clock. Its time advances with each poll.
+The simulated controller uses no clock; its time advances with each poll.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ STOPS = {"e_stop": "the emergency stop is pressed", "protective_stop": "the forc
 
 class Ros2ControlRig:
     """A `ContractRig` for whole motions. A stop of the robot aborts the goal and deactivates the controller,
-    as drivers do. Faults of the operation mode and of single packets do not exist: ROS reports no operation
+    as drivers do. There are no faults of the operation mode and of single packets: ROS reports no operation
     mode, and lost packets do not affect a controller that already has a motion.
     """
 
@@ -143,7 +143,7 @@ class RigLink:
         self._goal = None
 
     def end(self, key: str, status: int, result: dict[str, Any]) -> None:
-        """Store a goal result."""
+        """Store the result of a goal."""
         if self._goal is not None and key == str(self._number):
             self._goal |= {"status": status, **result}
 

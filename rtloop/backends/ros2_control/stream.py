@@ -1,7 +1,7 @@
 """An arm behind ros2_control that accepts a command in each cycle.
 
-Commands are sent to a forward command controller, which passes on each position as soon as it arrives. The
-controller's own cycle must be as fast as the joint states.
+Commands are sent to a forward command controller, which passes on each position as soon as it arrives. Its
+cycle must be as fast as the joint states.
 
 The cycle exchanges datagrams with the process that speaks DDS and never waits for it. A thread polls that
 process several times a second for all other facts, and enables the arm for a reset.
@@ -36,8 +36,8 @@ log = logging.getLogger("cobot.rtloop")
 CLOSE_S = 2.0
 ROWS = ("position", "velocity", "effort")
 MIN_STATES = 2.0
-"""Minimum number of joint states within `rt.frozen_after_s`. With fewer of them, cobot would wrongly report
-frozen values.
+"""Minimum number of joint states within `rt.frozen_after_s`. With fewer, cobot would wrongly report frozen
+values.
 """
 
 
@@ -78,7 +78,7 @@ class Ros2ControlStream(ControllerClient):
     way = words.COMMANDS
 
     def __init__(self, settings: Settings, limits: JointLimits, link: StreamLink | None = None) -> None:
-        """Create the backend. `link` is for tests.
+        """Create the backend. `link` replaces the connection in tests.
 
         Raises:
             ConfigError: the joints or the namespace are wrong.
@@ -120,7 +120,7 @@ class Ros2ControlStream(ControllerClient):
             self._thread.start()
 
     def enable(self) -> None:
-        """Check for faults again. No drive is switched on here, because the driver does that."""
+        """Check again for faults. The drives are not switched on here, because the driver does that."""
         self.recover_step()
         while not self.enable_step():
             time.sleep(LOOK_S)
@@ -143,7 +143,7 @@ class Ros2ControlStream(ControllerClient):
         if not self._stream.threaded:
             self._look()
         if self._problem:
-            self._enabled = False  # because the thread may be about to overwrite the problem
+            self._enabled = False  # needed because the thread may be about to overwrite the problem
             raise BackendError(self._problem)
         age_s = self._stream.latest(self._rows)
         if not age_s <= self._options.state_timeout_s:
@@ -156,7 +156,8 @@ class Ros2ControlStream(ControllerClient):
                 getattr(measured, row)[:] = self._rows[order]
 
     def write(self, command: Array) -> None:
-        if self._enabled and not self._problem:  # after a fault the arm may have moved: a reset comes first
+        # after a fault the arm may have moved, so commands need a reset first
+        if self._enabled and not self._problem:
             self._stream.command(command[0])
 
     def set_output(self, name: str, value: float) -> None:
@@ -192,7 +193,7 @@ class Ros2ControlStream(ControllerClient):
             log.warning("an output of the device: %s", exc)
 
     def _look(self) -> None:
-        """Set outputs, and store the reason why the arm cannot be moved."""
+        """Set outputs, and store the reason if the arm cannot be moved."""
         try:
             for interface, value in self._outputs.take():
                 self._set(interface, value)

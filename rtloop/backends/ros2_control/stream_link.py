@@ -57,5 +57,6 @@ class StreamProcess(ClientProcess):
     def command(self, position: Array) -> None:
         connection = self._socket
         if connection is not None:
-            with contextlib.suppress(OSError):  # its buffer is full, or it has ended: its silence is a fault
+            # its buffer is full or it has ended; the cycle detects its silence
+            with contextlib.suppress(OSError):
                 connection.send(np.ascontiguousarray(position).data)

@@ -1,5 +1,5 @@
 """The streaming backend with a simulated forward position controller in the same process, which counts
-periods. The contract drives the backend and injects faults.
+periods, for the contract checks.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ STOPS = frozenset({"e_stop", "protective_stop"})
 
 
 class StreamRig:
-    """A `ContractRig` for streaming. A stop of the robot deactivates the controller, as drivers do. Reordered
-    packets are not among the faults, because DDS puts packets in order.
+    """A `ContractRig` for streaming. A stop of the robot deactivates the controller, as drivers do. There are
+    no reordered packets among the faults, because DDS restores the order.
     """
 
     faults = frozenset({"disconnect", "frozen", "nan", "loss", *STOPS})

@@ -1,4 +1,4 @@
-"""Reasons why an arm that ros2_control controls cannot be moved, as sentences with remedies."""
+"""Reasons why an arm controlled by ros2_control cannot be moved, as sentences with advice."""
 
 from __future__ import annotations
 
@@ -22,13 +22,15 @@ ERRORS = {
 }
 """Texts for the values of `error_code` in control_msgs/action/FollowJointTrajectory."""
 MOTOROS2 = 100_000
-"""Factor of the `error_code` that MotoROS2 adds before its own code, which is in the lower five digits."""
-BEYOND_RAD = 0.2
-"""Maximum distance of a joint beyond its limit, rad. At a larger distance the reported position must be
-wrong.
+"""Factor of the standard `error_code` in MotoROS2's codes, whose lower five digits are MotoROS2's own
+code.
 """
+BEYOND_RAD = 0.2
+"""Maximum distance of a joint beyond its limit, rad. If it is larger, the reported position must be wrong."""
 DISAGREE_RAD = 0.1
-"""Maximum difference between the recent positions in the joint states and those of the controller, rad."""
+"""Maximum difference between recent positions in the joint states and those reported by the controller,
+rad.
+"""
 FRESH_S = 0.1
 """Maximum age of positions that are compared, s."""
 AS_IF = "check whether they are in degrees or in another order; robot.backend.joints defines the order"
@@ -57,7 +59,7 @@ class Expectation:
 
 @dataclass(frozen=True, slots=True)
 class CommandWords:
-    """The nouns that messages use for one way of commanding the arm.
+    """The nouns in messages about one way of commanding the arm.
 
     Attributes:
         kind: name for the kind of controller.
@@ -75,7 +77,7 @@ COMMANDS = CommandWords("forward position controller", "subscriber of the topic"
 
 
 def of_connection(facts: Facts, namespace: str, way: CommandWords = GOALS) -> str:
-    """Return the reason why the arm cannot be commanded; "" if it can be commanded."""
+    """Return the reason why the arm cannot be commanded; "" if it can."""
     if facts.problem:
         return facts.problem
     where = f"in the namespace {namespace}" if namespace else "in the root namespace"
@@ -107,7 +109,9 @@ def of_connection(facts: Facts, namespace: str, way: CommandWords = GOALS) -> st
 
 
 def of_joints_of_controller(facts: Facts, names: list[str]) -> str:
-    """Return the reason why the controller does not fit the arm; "" if it fits or its joints are unknown."""
+    """Return the reason why the controller does not match the arm; "" if it does, or if its joints are
+    unknown.
+    """
     state = next((each for each in facts.controllers or () if each["name"] == facts.controller), None)
     joints = set(state["joints"]) if state else set()
     if not joints or joints == set(names):
@@ -122,7 +126,7 @@ def of_joints_of_controller(facts: Facts, names: list[str]) -> str:
 
 
 def of_joint_states(facts: Facts, expected: Expectation) -> str:
-    """Return the reason why the joint states cannot be used; "" if they can be used."""
+    """Return the reason why the joint states cannot be used; "" if they can."""
     topic, names = expected.topic, expected.names
     if facts.missing:
         return (
@@ -186,7 +190,7 @@ def of_goal(goal: GoalFacts, action: str) -> str:
 
 def disagreement(facts: Facts, names: list[str], topic: str) -> str:
     """Describe a difference between the joint states and the positions that the controller itself reports.
-    Return "" if they agree, or if one of them is too old for a comparison.
+    Returns "" if they agree, or if either is too old for a comparison.
     """
     are_fresh = facts.held_age_s <= FRESH_S and facts.age_s is not None and facts.age_s <= FRESH_S
     if not are_fresh or facts.position is None:

@@ -1,6 +1,6 @@
 """Backend for KUKA's KR robots over the RobotSensorInterface.
 
-This module is long because it contains all methods that the cycle calls on this device.
+This module is long because it contains all methods of this device that the cycle calls.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 SESSION_GAP_S = 0.04
 """Time without a packet after which the controller may have started RSI again."""
 UNCOUNTED = 2
-"""Maximum number of late answers that a controller counts later than cobot does."""
+"""Maximum number of late answers that the controller has not counted yet when cobot has."""
 
 
 class RsiBackend:
@@ -51,7 +51,7 @@ class RsiBackend:
     `Stepwise`.
 
     A session lasts from RSI_ON to RSI_OFF. Its corrections start at zero and refer to the arm's position at
-    RSI_ON. Each new session requires a reset.
+    RSI_ON. A new session requires a reset.
     """
 
     Options = RsiOptions
@@ -59,7 +59,7 @@ class RsiBackend:
         periods_s=tuple(PERIODS_S),
         measured=frozenset({"position", "velocity"}),
         io=True,
-        stops={2: False},  # the drives belong to the cabinet
+        stops={2: False},  # the cabinet switches the drives
         hardware=True,
     )
 
@@ -92,16 +92,17 @@ class RsiBackend:
         self._entry = CommandTransition(limits.dof, self._period_s)
         self._heard_s = self._asked_s = self._refused_s = 0.0
         self._enabled = self._asking = self._joins = self._starts = False
-        self._answered = True  # whether the newest packet was answered, which is done once
+        self._answered = True  # whether the newest packet has been answered
         self._answered_state: RobState | None = None  # the newest packet that was answered
         self._seen_ms = self._malformed = 0
-        # In this session: late answers at its beginning, packets without an answer, and unused answers.
+        # In this session: number of late answers at its beginning, of packets without an answer, and of
+        # unused answers.
         self._delay_before = self._unanswered = self._missed = 0
         self._refused = ""
-        self._ended: Accepted | Rejected = ACCEPTED  # Why corrections ended. A reset begins them again.
+        self._ended: Accepted | Rejected = ACCEPTED  # Why corrections ended. They begin again after a reset.
         self._silenced = False  # Whether only zeros are sent until the next session.
         self._is_unknown = False  # whether unreported corrections may be in effect
-        self._reported = False  # whether the error of this motion was raised
+        self._reported = False  # whether this motion's error has been raised
         self._outputs: dict[str, bool] = {}
         self._model: RobotModel | None = None
 
@@ -126,8 +127,8 @@ class RsiBackend:
         require_accepted(first_rejection(self._checks_of_settings(self._newest)))
 
     def set_tool(self, tool: Tool) -> None:
-        """Set the tool. It is used only for the reduced speed in T1, because the load of the drives is set at
-        the cabinet.
+        """Set the tool. It only affects the reduced speed in T1, because the load of the drives is set on the
+        cabinet.
         """
         self._reduced.set_tool(tool)
 
@@ -175,14 +176,14 @@ class RsiBackend:
             self._require_corrections()
 
     def enable(self) -> None:
-        """Enable the corrections. Either side may start first. If the robot accepts no corrections at the
-        start, the first command reports the reason, and a reset tries again.
+        """Enable the corrections. The controller may start before or after cobot. If the robot accepts no
+        corrections at the start, the first command reports the reason, and a reset tries again.
         """
         starts, self._starts = self._starts, False
         self.recover_step()
         try:
             while True:
-                self._answer(None)  # answers the current packet, because no cycle runs now
+                self._answer(None)  # answers the current packet, because no cycle is running yet
                 if self.enable_step():
                     return
                 self.wait(self._options.silence_s)
@@ -209,8 +210,8 @@ class RsiBackend:
         return True
 
     def recover_step(self) -> bool:
-        """Wait for the recovery, which the controller's own program executes. Until it is done, the arm's
-        position is only held.
+        """Wait for the recovery, which the controller's own program carries out. Until it is done, the arm
+        only holds its position.
         """
         self._enabled, self._ended, self._reported = False, ACCEPTED, False
         return True
@@ -307,8 +308,8 @@ class RsiBackend:
         yield check_entry(state, self._options, self._layout, self._corrections.position)
 
     def _follow(self, state: RobState) -> Accepted | Rejected:
-        """Check whether the arm follows the corrections. If the controller wrongly adds up absolute
-        corrections, only zeros are sent from now on.
+        """Check that the arm follows the corrections. If the controller wrongly adds up absolute corrections,
+        only zeros are sent from then on.
         """
         reference = self._corrections.reference
         assert reference is not None
@@ -319,22 +320,22 @@ class RsiBackend:
         return result
 
     def _require_corrections(self) -> None:
-        """Raise the error after the end of corrections, also in a cycle without an answer: the arm does not
-        follow its command then.
+        """Raise an error if the corrections have ended, because the arm then does not follow commands. Also
+        called in cycles without an answer.
         """
         if not self._enabled and isinstance(self._ended, Rejected):
             raise BackendError(f"the robot does not accept commands: {self._ended.reason}")
 
     def _report(self, result: Accepted | Rejected) -> None:
-        """Raise the error once. The cycle then brings the arm to rest, and its commands are still followed
-        until a reset.
+        """Raise the error once. The cycle then stops the arm, which follows the commands until it is
+        reset.
         """
         if isinstance(result, Rejected) and not self._reported:
             self._reported = True
             raise BackendError(result.reason)
 
     def _answer(self, target: Array | None) -> None:
-        """Answer the newest packet, unless it was answered."""
+        """Answer the newest packet, unless it has already been answered."""
         state = self._beat.newest
         if state is None or self._answered or self._is_unknown:
             return
@@ -385,7 +386,7 @@ class RsiBackend:
         return state.delay - before.delay < passed_ms // self._step_ms - 1 - UNCOUNTED
 
     def _begin_session(self, state: RobState, *, is_first: bool) -> None:
-        """Begin a session at the controller's position. Corrections begin after a reset."""
+        """Begin a session at the controller's position. Corrections begin only after a reset."""
         set_position = np.array(position_at_rest(state))
         correction = np.array(state.correction) if state.correction else np.zeros(self._limits.dof)
         self._corrections.begin(set_position - correction, correction)
@@ -400,11 +401,11 @@ class RsiBackend:
             )
 
     def _find_loss(self, state: RobState, unanswered: int) -> bool:
-        """Whether the controller has missed an answer that was sent: its count of late answers has grown by
+        """Whether the controller has missed an answer. If it has, its count of late answers has increased by
         more than the number of packets without an answer.
 
         Args:
-            unanswered: number of packets that got no answer, from the previously received one up to now.
+            unanswered: number of packets without an answer since the previously received one.
         """
         if state.delay is None:
             return False

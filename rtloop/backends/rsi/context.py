@@ -1,7 +1,7 @@
 """The RSI context: the objects that connect the Ethernet telegrams with axes, inputs and outputs.
 
-The object types and their numbers, ports and parameters are the same as in files that KUKA's RSIVisual
-writes. RSI 3.x to 4.0 count ports and parameters from 1, RSI 4.1 and later from 0.
+The object types and their numbers, ports and parameters are those in files written by KUKA's RSIVisual. RSI
+3.x to 4.0 count ports and parameters from 1, RSI 4.1 and later from 0.
 """
 
 from __future__ import annotations
@@ -12,16 +12,14 @@ from dataclasses import dataclass, field
 from rtloop.backends.rsi.options import EXTERNAL_AXES, KUKA_LIMIT, ROBOT_AXES, is_external
 
 MONITOR_MARGIN = 1.0
-"""The limit of AXISCORRMON, which ends RSI, exceeds the limit of AXISCORR by this amount. It is also
-KUKA's default.
+"""Difference between the limit of AXISCORRMON, which ends RSI, and that of AXISCORR. It is also KUKA's
+default.
 """
 PRECISION = 6
 NO_FLAG = -1
 ALL_AXES = (*ROBOT_AXES, *EXTERNAL_AXES)
 STATE_OUTPUTS = {"T1": 993, "T2": 994, "AUT": 995, "EXT": 996, "Ready": 1012, "NoStop": 1013}
-"""Numbers of the outputs in $OUT that are assigned to $T1, $T2, $AUT, $EXT, $PERI_RDY and $ALARM_STOP by
-default.
-"""
+"""Numbers in $OUT that are assigned to $T1, $T2, $AUT, $EXT, $PERI_RDY and $ALARM_STOP by default."""
 MODE_INDEX = 1
 """Index in $SEN_PINT at which the program reports whether its corrections are absolute or relative."""
 
@@ -31,7 +29,7 @@ class ObjectParameter:
     """A parameter of an object.
 
     Attributes:
-        old, new: number of the parameter in RSI 3.x to 4.0, and in later releases.
+        old, new: number of the parameter in RSI 3.x to 4.0 and in later releases.
         fixed: whether the parameter cannot change while RSI is on.
     """
 
@@ -67,7 +65,7 @@ class Context:
     Attributes:
         send, receive: tag and type of each channel, and HOLDON for received ones, in the order of the channel
             numbers.
-        sources: object and port of each channel that is sent.
+        sources: object and port that provide the value of each sent channel.
     """
 
     objects: list[RsiObject] = field(default_factory=list)
@@ -90,7 +88,7 @@ def _limits(axes: tuple[str, ...], most: dict[str, float], first: int) -> Iterat
 
 
 def _digital(kind: str, name: str, number: int, type_id: int, source: int | None = None) -> RsiObject:
-    """Make an object for one bit. `source` is the ETHERNET channel that provides its value."""
+    """Make an object for one bit, whose value comes from the ETHERNET channel `source`."""
     inputs = () if source is None else ((0, ETHERNET, source),)
     return RsiObject(
         kind,
@@ -121,7 +119,7 @@ def context_for(
         tags: elements that contain the corrections of the robot's axes and of the external axes.
         inputs, outputs: numbers in $IN and $OUT.
         timeout: number of late answers after which RSI ends.
-        hold_on: whether the last correction stays if an answer is missing.
+        hold_on: whether the last correction stays in effect if an answer is missing.
     """
     found = Context()
     moved = [axis for axis in ALL_AXES if axis in axes]

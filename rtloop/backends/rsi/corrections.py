@@ -1,5 +1,5 @@
-"""The corrections of one RSI session: their exact sums, their limits, and the compensation of answers that
-the controller has missed.
+"""The corrections of one RSI session: their exact sums, their limits, and compensation for answers that the
+controller has missed.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ from rtloop.results import ACCEPTED, Accepted, Rejected
 Counts = NDArray[np.int64]
 
 FOLLOW_S = 0.2
-"""Maximum time in which an arm reaches the position of a correction, s."""
+"""Maximum time that an arm takes to reach a corrected position, s."""
 MADE_UP_S, RESOLUTION = 0.015, 1000
-"""Time constant for adding a missing correction to the answers, s, and the remainder in millionths that is
-added at once.
+"""Time constant for adding a missing correction to later answers, s, and the remainder that is added at once,
+in millionths.
 """
 RESTED_S = 0.3
-"""Time at rest after which the sum of relative corrections is compared with the controller's sum, s."""
+"""Time at rest after which the sum of relative corrections is compared with the controller's, s."""
 SLACK_RAD = 2e-4
 """Resolution of positions that a controller reports with two decimals, rad."""
 SAME_RAD = 1e-3
-"""Maximum difference between two positions that counts as no motion, rad or m."""
+"""Two positions that differ by at most this are the same, rad or m."""
 MARGIN, REACTION_PERIODS = 1.3, 4
-"""Factor of the stopping distance before the maximum correction, and number of periods until the stop
+"""Safety factor for the stopping distance before the maximum correction, and number of periods until the stop
 begins.
 """
 CONFIRMED = 2.0
-"""Motion, in multiples of `follow_rad`, after which it is certain whether the controller's corrections are
+"""Distance, in multiples of `follow_rad`, after which it is certain whether the controller's corrections are
 absolute or relative.
 """
 EARLY = 1.0 / 3.0
-"""Fraction of `follow_rad` that is allowed before this is certain."""
+"""Allowed deviation before this is certain, as a fraction of `follow_rad`."""
 
 
 class Corrections:
@@ -88,7 +88,9 @@ class Corrections:
         return found
 
     def agree(self, set_position: Sequence[float], correction: Sequence[float]) -> bool:
-        """Whether these values, rad or m, are from the same controller session as these corrections."""
+        """Whether the controller's set position and correction, rad or m, are from the same session as these
+        corrections.
+        """
         if self.reference is None:
             return False
         off = np.subtract(correction, self.sent / self._scale)
@@ -96,15 +98,17 @@ class Corrections:
         return bool(max(np.abs(off).max(), np.abs(moved).max()) < SAME_RAD)
 
     def take_back(self) -> None:
-        """Handle an answer that the controller has not used. The next answer also contains its correction."""
+        """Handle an answer that the controller has not used, by including its correction in the next
+        answers.
+        """
         self.sent = self.sent - self._step
         self._step = np.zeros_like(self.sent)
 
     def answer(self, target: Array | None, periods: int = 1) -> Counts:
         """Return the values for the next answer, in millionths of a degree or mm.
 
-        Without losses the sum equals the target. After a loss the missing part is added gradually, because a
-        controller does not smooth its corrections.
+        Without losses, the sum equals the target. After a loss, the missing part is added gradually, because
+        the controller does not smooth corrections.
 
         Args:
             target: target position, rad or m; None to stay at the current position.
@@ -128,7 +132,7 @@ class Corrections:
         return step if self._relative else self.sent
 
     def check_limit(self, velocity: Array) -> Accepted | Rejected:
-        """Check whether an arm with this velocity, rad/s or m/s, can still stop within the maximum
+        """Check that an arm with this velocity, rad/s or m/s, can still stop within the maximum
         correction.
         """
         limits = self._limits
@@ -150,8 +154,8 @@ class Corrections:
         )
 
     def settle(self, state: RobState) -> None:
-        """Take over the controller's own sum of relative corrections if it differs from ours while the arm is
-        at rest.
+        """While the arm is at rest, adopt the controller's own sum of relative corrections if it differs from
+        ours.
         """
         if not self._relative or self._resting * self._period_s < RESTED_S or self.reference is None:
             return
@@ -164,7 +168,7 @@ class Corrections:
 
 
 class FollowWatch:
-    """Checks whether the arm follows the corrections: it must be on the part of the path that was commanded
+    """Checks that the arm follows the corrections: it must be on the part of the path that was commanded
     during the last `FOLLOW_S`.
 
     Attributes:
@@ -194,7 +198,7 @@ class FollowWatch:
             self._sum += values / (MICRO * self._layout.scale)
 
     def check(self, measured: Array, reference: Array) -> Accepted | Rejected:
-        """Check whether the measured position is one of the last commanded ones, within the tolerance."""
+        """Check that the measured position is one of the last commanded ones, within the tolerance."""
         if not self._filled:
             return ACCEPTED
         low, high = self._rows.min(axis=0), self._rows.max(axis=0)

@@ -127,8 +127,8 @@ def files_for(settings: Settings, limits: JointLimits) -> dict[str, str]:
 
 
 def ethernet_configuration(options: RsiOptions, context: Context, axes: tuple[str, ...]) -> str:
-    """Make the Ethernet configuration: the elements of the telegrams, and the address to which the controller
-    sends them.
+    """Make the Ethernet configuration, with the elements of the telegrams and the address to which the
+    controller sends them.
     """
     root = ET.Element("ROOT")
     config = ET.SubElement(root, "CONFIG")
@@ -204,7 +204,7 @@ def _new_context(context: Context) -> str:
 
 
 def _old_diagram(context: Context) -> str:
-    """Make the diagram that the RSIVisual version for RSI 3.x to 4.0 opens."""
+    """Make the diagram for the version of RSIVisual that belongs to RSI 3.x to 4.0."""
     root = ET.Element(
         "rSIModel",
         {"dslVersion": "1.0.0.0", "name": "", "xmlns": "http://schemas.microsoft.com/dsltools/RSIVisual"},

@@ -18,7 +18,7 @@ ROBOT_AXES = tuple(f"A{number}" for number in range(1, 7))
 EXTERNAL_AXES = tuple(f"E{number}" for number in range(1, 7))
 MAX_IO = 16
 PERIODS_S = {0.004: "#IPO_FAST", 0.012: "#IPO"}
-"""The cycle times of RSI, with the name that KRL uses for each mode."""
+"""The cycle times of RSI, s, with KRL's name for each mode."""
 
 Axis = Literal["A1", "A2", "A3", "A4", "A5", "A6", "E1", "E2", "E3", "E4", "E5", "E6"]
 Tag = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,30}$")]
@@ -43,13 +43,13 @@ class RsiOptions(BackendOptions):
             E1 and so on.
         axis_tag, external_tag: elements with the corrections, in the controller's Ethernet configuration.
         inputs, outputs: names of digital inputs and outputs, with their numbers in $IN and $OUT.
-        timeout_packets: Timeout of the ETHERNET object: number of late answers that end RSI.
+        timeout_packets: Timeout of the ETHERNET object: number of late answers after which RSI ends.
         connect_s: timeout for the first packet.
         enable_s: timeout for the controller to be ready.
-        silence_s: time without a packet after which the connection counts as lost, which is a fault.
+        silence_s: time without a packet after which the connection is lost, which is a fault.
         entry_rad: maximum distance of the arm from the controller's set position when commands begin.
         follow_rad: maximum distance of the arm from the path of the last `FOLLOW_S`.
-        check_pose: whether a pose that the controller reports must equal the model's pose.
+        check_pose: whether to check that the controller, if it reports a pose, reports the model's pose.
     """
 
     model_config = ConfigDict(strict=True)
@@ -95,7 +95,7 @@ class RsiOptions(BackendOptions):
         return list(given) if isinstance(given, list) else [given] * limits.dof
 
     def check_model(self, limits: JointLimits) -> Accepted | Rejected:
-        """Check whether these options fit a model with these joints."""
+        """Check that these options match a model with these joints."""
         axes, allowed = self.axes_of(limits), self.limits_of(limits)
         if len(axes) != limits.dof:
             return Rejected(

@@ -1,6 +1,4 @@
-"""Evaluates the controller's telegrams: why the controller accepts no corrections, and which settings do not
-match it.
-"""
+"""Evaluates the controller's telegrams: whether it accepts corrections, and whether the settings match it."""
 
 from __future__ import annotations
 
@@ -17,13 +15,15 @@ from rtloop.backends.rsi.telegrams import RobState, TelegramLayout
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 HAND_GUARDED = ("T1", "T2")
-"""Modes in which the operator must hold the enabling switch."""
+"""Modes in which the operator must hold the enabling switch for a motion."""
 OUTSIDE_RAD = 0.1
-"""Distance beyond the model's limits, rad or m, above which the configured arm or the unit must be wrong."""
+"""Maximum distance beyond the model's limits, rad or m. If it is larger, the configured arm or the unit must
+be wrong.
+"""
 
 
 def check_readiness(state: RobState) -> Accepted | Rejected:
-    """Check whether the controller can move its drives. States that it does not report are assumed to be
+    """Check that the controller can move its drives. States that it does not report are assumed to be
     good.
     """
     if state.is_stopped:
@@ -44,7 +44,7 @@ def check_readiness(state: RobState) -> Accepted | Rejected:
 def check_settings(
     state: RobState, step_ms: int, options: RsiOptions, period_s: float
 ) -> Accepted | Rejected:
-    """Check whether this controller can be driven with these settings.
+    """Check that this controller can be used with these settings.
 
     Args:
         step_ms: increase of IPOC from one packet to the next, ms; 0 if unknown.
@@ -78,7 +78,7 @@ def check_settings(
 
 
 def check_position(state: RobState, layout: TelegramLayout, limits: JointLimits) -> Accepted | Rejected:
-    """Check whether the reported position is possible for this arm."""
+    """Check that the reported position is possible for this arm."""
     position = np.array(state.position)
     outside = np.maximum(limits.min_position - position, position - limits.max_position)
     joint = int(np.argmax(outside))
@@ -98,9 +98,7 @@ def check_position(state: RobState, layout: TelegramLayout, limits: JointLimits)
 def check_entry(
     state: RobState, options: RsiOptions, layout: TelegramLayout, held: Array
 ) -> Accepted | Rejected:
-    """Check whether the arm is at the position that it is commanded to hold, so that corrections may
-    begin.
-    """
+    """Check that the arm is at the position that it is commanded to hold, so that corrections may begin."""
     off = np.abs(np.subtract(state.position, held))
     joint = int(off.argmax())
     if off[joint] <= options.entry_rad:
@@ -112,7 +110,7 @@ def check_entry(
 
 
 def check_flange(model: RobotModel, state: RobState) -> Accepted | Rejected:
-    """Check whether the reported pose equals the pose of the model's flange. They are comparable because the
+    """Check that the reported pose equals the pose of the model's flange. The two are comparable because the
     controller's program selects $NULLFRAME as tool and base.
     """
     if len(state.pose) != 6 or not any(state.pose):

@@ -1,8 +1,8 @@
 """RSI's telegrams, for both sides of the connection: `Rob` from the controller, and the answer `Sen`.
 
 Elements with the prefix DEF_ in the Ethernet configuration have fixed names (RIst, AIPos, ASPos, EIPos,
-ESPos, Delay). The Ethernet configuration that `rtloop.backends.rsi.files` writes names all others. In
-telegrams, rotary axes are in degrees and linear axes in mm.
+ESPos, Delay). All other names come from the Ethernet configuration that `rtloop.backends.rsi.files` writes.
+In telegrams, rotary axes are in degrees and linear axes in mm.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ MODES = {1: "absolute", 2: "relative"}
 POSE = ("X", "Y", "Z", "A", "B", "C")
 DECIMALS = 6
 MICRO = 10**DECIMALS
-"""Number of units of a correction per degree or millimetre. Corrections are integers, so that their sums are
+"""Resolution of a correction per degree or millimetre. Corrections are integers, so that their sums are
 exact.
 """
 MAX_VALUE = 1e6
@@ -40,7 +40,7 @@ _TRUE, _FALSE = {"1", "true"}, {"0", "false"}
 
 @dataclass(frozen=True, slots=True)
 class TelegramLayout:
-    """The contents of the telegrams of one robot.
+    """The layout of one robot's telegrams.
 
     Attributes:
         axes: axis of each joint.
@@ -326,7 +326,7 @@ def _positions(telegram: Telegram, layout: TelegramLayout, robot: str, external:
 def _read_state(element: TelegramElement, state: RobState) -> None:
     bits = {name: _bit(_attribute(element, STATE, name), f"{STATE}.{name}") for name in STATE_BITS}
     modes = [mode for mode in OPERATION_MODES if bits[mode]]
-    if not modes:  # the context does not fill in this element
+    if not modes:  # the context leaves this element unset
         return
     if len(modes) > 1:
         raise TelegramError(

@@ -1,8 +1,8 @@
-"""Reads the part of XML that RSI's telegrams use: a root and elements with attributes or a text, without
+"""Reads the subset of XML that RSI's telegrams use: a root, and elements with attributes or text, without
 deeper levels.
 
-It is parsed with Expat. All other XML content (document types and therefore entities, processing
-instructions, deeper levels) is rejected, and so are large packets.
+Packets are parsed with Expat. All other XML content (document types and therefore entities, processing
+instructions, deeper levels) is rejected, as are large packets.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ SHOWN = 60
 
 
 class TelegramError(Exception):
-    """Raised if a packet is not a telegram. Its text gives the reason."""
+    """Raised if a packet is not a telegram. The text gives the reason."""
 
 
 @dataclass(slots=True)
@@ -50,7 +50,7 @@ class Telegram:
 
 
 def shown(value: object) -> str:
-    """Return a value from an untrusted packet in a short and printable form."""
+    """Return a short, printable form of a value from an untrusted packet."""
     text = str(value)
     return ascii(text if len(text) <= SHOWN else f"{text[:SHOWN]}...")
 

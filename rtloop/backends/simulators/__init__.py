@@ -1,1 +1,1 @@
-"""Parts that the simulated controllers for several manufacturers share."""
+"""Common parts of the simulated controllers."""

@@ -27,7 +27,7 @@ def controller_parser(
     """Make a parser with the options for the robot and for the addresses.
 
     Args:
-        config, address: texts about these options.
+        config, address: help texts of these options.
     """
     parser = argparse.ArgumentParser(prog=f"cobot simulate {device}", description=description)
     add = parser.add_argument
@@ -53,7 +53,7 @@ def add_client(parser: argparse.ArgumentParser, port: int) -> None:
 
 
 def add_packet_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options for faults of packets, and for the process that sends them."""
+    """Add the options for packet faults, and for the process that sends the packets."""
     add = parser.add_argument
     share = within(float, 0, 1)
     add("--loss", type=share, default=0.0, metavar="SHARE", help="share of packets that are lost, 0 to 1")

@@ -20,9 +20,7 @@ STIFFNESS_SHARE = 0.2
 """Stiffness while the controller's program uses an impedance, as a share of the maximum stiffness."""
 DAMPING_RATIO = 0.7
 GUIDED_SHARE = 1.0 / 16.0
-"""Share of the maximum stiffness from which the damping of a guided arm is calculated, as its critical
-damping.
-"""
+"""Damping of a guided arm: the critical damping at this share of the maximum stiffness."""
 Springs = Literal["joint", "cartesian"]
 
 
@@ -33,7 +31,7 @@ class ControllerArm:
         limits: limits of its joints.
         setpoint: target of the drives, shape (dof,), rad.
         measured: values of its sensors.
-        overlay: torques that the client adds to the torques of the drives, shape (dof,), N·m.
+        overlay: torques from the client in addition to the torques of the drives, shape (dof,), N·m.
     """
 
     def __init__(
@@ -70,8 +68,8 @@ class ControllerArm:
 
     @property
     def push(self) -> Array:
-        """The wrench that the surroundings exert at the TCP, in the base frame, shape (6,), N and N·m. Write
-        into this array to push the arm.
+        """The wrench that the surroundings exert at the TCP, in the base frame, shape (6,), N and N·m. To
+        push the arm, write to this array.
         """
         return self._drives.push
 
@@ -94,7 +92,7 @@ class ControllerArm:
         return (*place.tolist(), *quaternion.from_matrix(orientation.ravel()))
 
     def kuka_pose(self) -> tuple[float, ...]:
-        """Flange pose in the base frame as KUKA writes it: X, Y, Z in mm, and A, B, C in degrees."""
+        """The flange pose in the base frame, as KUKA writes it: X, Y, Z in mm, and A, B, C in degrees."""
         x, y, z, *turn = self.pose()
         return x, y, z, *map(math.degrees, kuka_angles(turn))
 
@@ -110,7 +108,7 @@ class ControllerArm:
         self._drives.set_impedance(Impedance(False, GUIDED_SHARE * nominal, np.ones(len(nominal))))
 
     def drift(self, milliseconds: int) -> None:
-        """Simulate a released arm for this number of milliseconds. Its target follows its position."""
+        """Simulate a released arm for a number of milliseconds. Its target follows its position."""
         rows = self._rows
         rows[1:] = 0.0
         for _ in range(milliseconds):
@@ -127,8 +125,8 @@ class ControllerArm:
         self._drives.set_impedance(Impedance(False, nothing, np.ones(self.limits.dof)))
 
     def exert(self, torque: Array, milliseconds: int) -> None:
-        """Exert torques, shape (dof,), N·m, on an arm under torque control for this number of milliseconds.
-        Its target follows its position.
+        """Exert torques, shape (dof,), N·m, on an arm under torque control for a number of milliseconds. Its
+        target follows its position.
         """
         rows = self._rows
         for _ in range(milliseconds):
@@ -139,8 +137,8 @@ class ControllerArm:
         self.setpoint, self._velocity = self.measured.position.copy(), self.measured.velocity.copy()
 
     def _acceleration_of(self, torque: Array) -> Array:
-        """Calculate the acceleration, rad/s², that this torque of the drives causes. The drives also
-        compensate velocity-dependent torques, so these are subtracted.
+        """Calculate the acceleration, rad/s², that a torque of the drives causes, without velocity-dependent
+        torques, which the drives compensate.
         """
         data, model = self._dynamics, self._model
         gravity, found = np.zeros(self.limits.dof), np.zeros(self.limits.dof)
@@ -157,7 +155,7 @@ class ControllerArm:
         self._drives.set_impedance(None)
 
     def advance(self, target: Array, velocity: Array, milliseconds: int) -> None:
-        """Move to a target, rad, with this velocity, rad/s, in this number of milliseconds."""
+        """Move to a target, rad, in a number of milliseconds, and arrive there with this velocity, rad/s."""
         time_s = milliseconds * STEP_S
         from_position, from_velocity = self.setpoint, self._velocity
         acceleration = (velocity - from_velocity) / time_s
@@ -171,13 +169,13 @@ class ControllerArm:
             self._drives.write(rows)
         self.setpoint, self._velocity = np.array(target), np.array(velocity)
         self._drives.read(self.measured)
-        self.measured.external_effort -= self.overlay  # the arm itself has exerted this torque
+        self.measured.external_effort -= self.overlay  # the client's torque is not an external effort
 
 
 def _between(
     begin: Array, begin_velocity: Array, end: Array, end_velocity: Array, time_s: float, share: float
 ) -> Array:
-    """Make a cubic Hermite interpolation between two positions with their velocities."""
+    """Interpolate between two positions with their velocities by a cubic Hermite polynomial."""
     square, cube = share * share, share**3
     position: Array = (
         (2 * cube - 3 * square + 1) * begin

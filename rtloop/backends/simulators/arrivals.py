@@ -8,8 +8,8 @@ import sys
 import time
 
 _STAMP = 35
-"""Linux's socket option SO_TIMESTAMPNS. It provides the arrival time of a packet, regardless of when this
-process reads the packet.
+"""Linux's socket option SO_TIMESTAMPNS. It provides the time when a packet arrived, regardless of when this
+process reads it.
 """
 _TIMESPEC = struct.Struct("qq")
 

@@ -1,4 +1,6 @@
-"""A simulated controller and a backend in one process, stepped period by period without clock or network."""
+"""A simulated controller and a backend in one process, stepped period by period without a clock or
+network.
+"""
 
 from __future__ import annotations
 
@@ -91,7 +93,7 @@ Connection = TypeVar("Connection", bound=FaultyConnection)
 
 
 class LockStepRig(ABC, Generic[Connection]):
-    """A rig that injects faults of the connection and faults of the controller."""
+    """A rig that injects faults of the connection and of the controller."""
 
     _channel: Connection
 

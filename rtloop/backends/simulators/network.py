@@ -1,5 +1,5 @@
-"""A network that loses, delays and reorders packets, counted in periods. The same seed gives the same
-faults.
+"""A network that loses, delays and reorders packets. Its times are in periods, and the same seed causes the
+same faults.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ class Network:
     """A network between a controller and its client, in both directions.
 
     Attributes:
-        loss, reorder: share of the packets that are lost, and share that arrive one period after their
-            successor.
+        loss, reorder: share of the packets that are lost, and share of those that arrive one period after
+            their successor.
         delay: delay of each answer, in periods.
         drop: number of the next packets to the client that are lost.
         lost: number of lost packets in both directions.
@@ -34,7 +34,7 @@ class Network:
         self._period = 0
 
     def to_client(self, packet: bytes) -> list[bytes]:
-        """Begin a period and send a packet to the client. Return the packets that arrive there in this
+        """Begin a period and send a packet to the client. Returns the packets that arrive there in this
         period, which can include earlier ones.
         """
         self._period += 1
@@ -67,8 +67,8 @@ class Network:
         way.append((self._period + delay + later, packet))
 
     def _take_due(self, way: deque[tuple[int, bytes]]) -> list[bytes]:
-        """Take the packets that are due. Those that have waited longest come last, because later packets have
-        overtaken them.
+        """Remove and return the packets that are due. Those that have waited longest come last, because later
+        packets have overtaken them.
         """
         due = [entry for entry in way if entry[0] <= self._period]
         if due:

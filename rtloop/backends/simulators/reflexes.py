@@ -11,12 +11,12 @@ from rtloop.results import ACCEPTED, Accepted, Rejected
 VELOCITY_SHARE = 1.05
 """Share of a joint's velocity limit above which the motion is stopped."""
 JUMP_RAD_S2 = 60.0
-"""Maximum acceleration of the commands, rad/s². It is several times the acceleration of a planned motion."""
+"""Maximum acceleration of the commands, rad/s². Planned motions have a fraction of it."""
 SLACK_RAD_S = 1e-3
 LIMIT_RAD = 0.01
 """Minimum distance of a command from a joint's limits, rad. Closer commands are rejected."""
 MAX_WRENCH = 1000.0
-"""Maximum force and torque at the TCP, N and N·m. They are several times what such an arm can exert."""
+"""Maximum force and torque at the TCP, N and N·m. An arm can exert only a fraction of them."""
 T1_M_S = 0.25
 """Maximum speed of the TCP in T1, m/s: the reduced speed of ISO 10218-1."""
 
@@ -30,13 +30,13 @@ def check_command(
     *,
     in_t1: bool = False,
 ) -> Accepted | Rejected:
-    """Check whether a command is accepted. If not, the running motion ends.
+    """Check a command. If it is rejected, the running motion ends.
 
     Args:
         velocity: velocity since the previous command, rad/s.
         last_velocity: velocity at the previous command, rad/s.
         time_s: time between the two commands, s.
-        in_t1: whether the operation mode is T1, in which the speed is limited.
+        in_t1: whether the operation mode is T1, which limits the speed.
     """
     if not np.isfinite(position).all():
         return Rejected("the client commands a position that is not finite")

@@ -9,7 +9,7 @@ import numpy as np
 
 MIN_TIME_S, MAX_TIME_S = 1e-6, 100.0
 STEP = 0.02
-"""Resolution of the logarithm of a duration. Percentiles are accurate to two per cent."""
+"""Resolution of the logarithm of a duration. Percentiles are accurate to within 2 %."""
 BUCKETS = math.ceil(math.log(MAX_TIME_S / MIN_TIME_S) / STEP) + 1
 
 

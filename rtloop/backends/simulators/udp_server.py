@@ -16,16 +16,16 @@ from rtloop.backends.simulators.network import Network
 from rtloop.backends.simulators.times import ServerTimes
 
 MAX_PACKET = 65_507
-"""Maximum size of a UDP packet, bytes. The controller checks the length that its protocol permits."""
+"""Maximum size of a UDP packet, bytes. The controller itself checks the maximum length of its protocol."""
 MAX_WAIT_S = 0.02
 """Interval at which the control interface is checked while the server is waiting for a late answer, s."""
 MAX_AT_ONCE = 256
 """Maximum number of packets that are read from the socket at the end of a period."""
 MIN_SHARE = 0.9
-"""Fraction of a period between two messages while the process catches up after a delay."""
+"""Time between two messages, as a share of the period, while the process catches up after a delay."""
 ALONE_S = 1.0
-"""Time without a packet after which a client may have restarted, so that it may send from a different port,
-s.
+"""Time without a packet after which packets from a different port of the client are accepted, because it may
+have restarted, s.
 """
 
 
@@ -51,9 +51,9 @@ def _is_local(host: str) -> bool:
 def _socket_for(client: tuple[str, int], address: tuple[str, int]) -> socket.socket:
     """Make the socket to send from.
 
-    If a client knows the controller's address, it accepts packets only from this address and only with its
-    own port number. So port 0 means the client's port number. If the client and the simulator may have the
-    same address, the client already uses that port, so a free port is used.
+    A client that knows the controller's address accepts packets only from that address, and only with its own
+    port number. So port 0 means the client's port number. If the client may have the simulator's address, it
+    already uses that port, and a free port is used instead.
     """
     host, port = address
     elsewhere = host != client[0] if host != "0.0.0.0" else not _is_local(client[0])
@@ -104,8 +104,8 @@ AnyController = TypeVar("AnyController", bound=SteppedController)
 class UdpServer(Generic[AnyController]):
     """Sends one packet per period, and receives the answers.
 
-    A real controller is punctual, but this process may not be. So an answer is in time if it arrives before
-    the next message is sent, regardless of when this process reads it.
+    A real controller keeps exact time, but this process may not. So an answer is in time if it arrives before
+    the next message is sent, whenever this process reads it.
     """
 
     def __init__(
@@ -122,13 +122,13 @@ class UdpServer(Generic[AnyController]):
         """
         Args:
             control: function that makes the control interface.
-            patience_s: maximum wait for a late answer, s, before it counts as missing.
+            patience_s: maximum wait for a late answer, s; after it, the answer is missing.
 
         Raises:
             OSError: the client's name is unknown, or an address or port cannot be used.
         """
         self._controller, self._network = controller, network
-        # Answers come from an address, even if the client was given by its name.
+        # Resolved, because answers come from an address even if the client was given by name.
         self._client = _ipv4_of(client[0]), client[1]
         self._patience_s = patience_s
         self._socket = _socket_for(self._client, address)
@@ -139,7 +139,7 @@ class UdpServer(Generic[AnyController]):
         self._sender: tuple[str, int] | None = None
         self._sender_s = 0.0
         self._two = False  # whether a second sender has been reported
-        self._deaf = True  # no answer yet, or none since the patience ran out
+        self._deaf = True  # no answer yet, or none since `patience_s` was exceeded
         self._sent_s = time.monotonic()
 
     @property
@@ -160,7 +160,7 @@ class UdpServer(Generic[AnyController]):
         deadline_s = time.monotonic()
         while not ending:
             self._begin_period()
-            # A delay of this process before or during the wait does not count as the client's time.
+            # Delays of this process before or during the wait are not the client's fault.
             gone_s = time.monotonic()
             deadline_s = max(deadline_s, gone_s - (1.0 - MIN_SHARE) * self._controller.period_s)
             deadline_s += self._controller.period_s
@@ -180,10 +180,10 @@ class UdpServer(Generic[AnyController]):
             self._controller.answer(packet)
         message = self._controller.packet()
         sent = self._network.to_client(message)
-        # Taken before sending: the client may work on it before this process continues.
+        # Taken before sending, because the client may answer before this process continues.
         self._sent_s = time.monotonic()
         for packet in sent:
-            with contextlib.suppress(OSError):  # there is no client, which the missing answer shows
+            with contextlib.suppress(OSError):  # no client; the missing answer shows this
                 self._socket.sendto(self._network.spoil_packet(packet), self._client)
         self._expects = message in sent and self._controller.waits_for_answer
 
@@ -221,7 +221,7 @@ class UdpServer(Generic[AnyController]):
         before = self._network.lost
         for arrived in self._network.from_client(packet):
             self._controller.answer(arrived)
-        # Packets delayed by the network are not waited for; an answer to an older message does not count for
+        # Do not wait for packets that the network delays. An answer to an older message is not the answer to
         # this one.
         kept_back = self._network.lost > before or self._network.delay > 0 or self._network.reorder > 0.0
         self._expects = expected and not kept_back and self._controller.waits_for_answer
@@ -229,7 +229,7 @@ class UdpServer(Generic[AnyController]):
             self._times.answers.add(took_s)
 
     def _report_second_sender(self, sender: tuple[str, int]) -> None:
-        """Report once if two programs send answers, because each would end the other's motion."""
+        """Report once that two programs send answers, because each would end the other's motion."""
         now_s = time.monotonic()
         if sender == self._sender or self._sender is None or now_s - self._sender_s > ALONE_S:
             self._two = self._two and sender == self._sender

@@ -1,6 +1,6 @@
 """Universal Robots arms over RTDE. A cobot program on the controller follows joint positions or torques.
 
-This module is long because it contains all methods that the cycle calls on this device.
+This module is long because it contains all methods of this device that the cycle calls.
 """
 
 from __future__ import annotations
@@ -71,11 +71,11 @@ REST_S = 2.0
 SETTING_UP_S = 0.01
 """Interval between two polls while a connection is set up, s."""
 POSE_S = 0.1
-"""Time until the controller reports the pose of the TCP that the program has set, s."""
+"""Time that the controller takes to report the pose of the TCP that the program has set, s."""
 
 
 class _Hand(Enum):
-    """The state of hand guiding. After guiding, commands are ignored until rtloop has seen the arm at
+    """The state of hand guiding. After guiding, commands are ignored until rtloop has registered the arm at
     rest.
     """
 
@@ -101,7 +101,7 @@ class UrBackend:
         freedrive=True,
         payload=True,
         io=True,
-        stops={2: False},  # the drives belong to the controller
+        stops={2: False},  # the controller switches the drives
         hardware=True,
     )
 
@@ -149,11 +149,11 @@ class UrBackend:
         self._answered = True
         self._periods = 1
         self._begun = False
-        self._unconnected = 0  # packages since the program ended
+        self._unconnected = 0  # number of packages since the program ended
         self._hand = _Hand.OFF
-        self._begins_at_rest = False  # after torques: commands begin where the arm is
+        self._begins_at_rest = False  # after torques, commands begin at the arm's position
         self._base = BaseFrame()
-        self._last_motion: Accepted | Rejected = ACCEPTED  # why it does not move again until a reset
+        self._last_motion: Accepted | Rejected = ACCEPTED  # why the arm does not move until a reset
 
     # Backend
 
@@ -173,8 +173,8 @@ class UrBackend:
         self._await_rest()
 
     def enable(self) -> None:
-        """Enable the arm. If this fails at the start, the first command raises an error with the reason, and
-        a reset tries again.
+        """Enable the arm. If it fails at the start, the first command raises an error with the reason, and a
+        reset tries again.
         """
         starts = not self._begun
         self._begun = True
@@ -204,7 +204,7 @@ class UrBackend:
         return False
 
     def recover_step(self) -> bool:
-        """Stop the program and any unfinished attempt. `enable_step` begins again."""
+        """Stop the program and any unfinished attempt. `enable_step` then begins a new one."""
         self._enabled, self._last_motion = False, ACCEPTED
         self._abandon()
         return True
@@ -268,7 +268,7 @@ class UrBackend:
         self._periods = 0
 
     def disable(self) -> None:
-        """End the program. The controller holds the arm. A person switches its drives off at the teach
+        """End the program. The controller then holds the arm; its drives are switched off at the teach
         pendant.
         """
         self._enabled = False
@@ -369,7 +369,7 @@ class UrBackend:
             torques.is_on = False
             self._begins_at_rest = True
 
-    # Its own
+    # Private methods
 
     @staticmethod
     def contract_rig(settings: Settings, limits: JointLimits) -> ContractRig:
@@ -419,8 +419,7 @@ class UrBackend:
 
     def _begin(self, data: Mapping[str, Any], command: Array) -> Accepted | Rejected:
         """Begin commands at the position at which the controller holds the arm, if the first command is near
-        it. If the arm was under torque control before, it is at rest, and the controller's target becomes
-        valid only now.
+        it. After torque control, the arm is at rest, and only now is the controller's target valid.
         """
         here = self._beat.position if self._begins_at_rest else np.array(data["target_q"])
         self._begins_at_rest = False
@@ -438,7 +437,7 @@ class UrBackend:
         yield from checks_of_program(data, self._unconnected, self._causes_of_its_own())
 
     def _causes_of_its_own(self) -> str:
-        """Why cobot's program ends on its own."""
+        """Return possible reasons why cobot's program has ended on its own."""
         if self._torques is None or not self._torques.is_on:
             return f"commands were missing for {self._options.timeout_s:g} s"
         return (
@@ -479,7 +478,7 @@ class UrBackend:
         return self._beat.newest
 
     def _hear(self) -> bool:
-        """Read the packages that have arrived, unless a cycle is already due. Return whether a cycle is
+        """Read the packages that have arrived, unless a cycle is already due. Returns whether a cycle is
         due.
         """
         if not self._beat.due:

@@ -1,4 +1,4 @@
-"""The controller's base frame, compared with the base frame of the arm's model."""
+"""Comparison of the controller's base frame with the base frame of the arm's model."""
 
 from __future__ import annotations
 
@@ -21,13 +21,15 @@ manufacturer's robot descriptions.
 
 
 class BaseFrame:
-    """Whether the model's base is rotated about z by half a turn, which the first check finds out."""
+    """The controller's base frame, which may be rotated by half a turn about z relative to the model's. The
+    first check determines whether it is.
+    """
 
     def __init__(self) -> None:
         self._is_turned: bool | None = None  # None: unknown
 
     def check(self, model: RobotModel, data: Mapping[str, Any]) -> Accepted | Rejected:
-        """Check whether the controller reports its flange at the same pose as the model.
+        """Check that the controller reports the same flange pose as the model.
 
         Args:
             data: the values of an RTDE package.

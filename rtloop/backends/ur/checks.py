@@ -1,4 +1,4 @@
-"""Checks of a controller's reports, before the arm moves and in each cycle."""
+"""Checks of a controller's reports, both before the arm moves and in each cycle."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ CB3_PERIOD_S = 0.008
 """A CB3 sends 125 times per second; later controllers 500 times."""
 CB3 = 3
 ENDED_PACKAGES = 3
-"""Number of packages without cobot's program after which rtloop reports a fault. A few are needed because the
+"""Number of packages without cobot's program after which rtloop reports a fault. It is above 0 because the
 program ends just before the first package that contains the cause, such as an emergency stop.
 """
 
 
 def check_period(version: tuple[int, ...] | None, text: str, period_s: float) -> Accepted | Rejected:
-    """Check whether a controller sends with this period.
+    """Check that a controller sends with this period.
 
     Args:
-        version: version of its software; None if it is unknown.
-        text: the same for people.
+        version: version of its software; None if unknown.
+        text: the version as text for messages.
     """
     if version is not None and version[0] <= CB3 and period_s != CB3_PERIOD_S:
         return Rejected(
@@ -39,7 +39,7 @@ def check_period(version: tuple[int, ...] | None, text: str, period_s: float) ->
 def check_entry(
     names: Sequence[str], here: Array, held: Array, entry_rad: float, what: str
 ) -> Accepted | Rejected:
-    """Check whether each joint is near the position at which the controller holds it.
+    """Check that each joint is near the position at which the controller holds it.
 
     Args:
         here: measured or commanded positions, shape (dof,), rad.
@@ -61,7 +61,7 @@ def check_entry(
 
 
 def checks_of_state(data: Mapping[str, Any], *, is_released: bool) -> Iterator[Accepted | Rejected]:
-    """Check whether the controller's safety system and mode permit motion.
+    """Check that the controller's safety system and mode permit motion.
 
     Args:
         data: the values of an RTDE package.
@@ -75,11 +75,11 @@ def checks_of_state(data: Mapping[str, Any], *, is_released: bool) -> Iterator[A
 
 
 def checks_of_program(data: Mapping[str, Any], packages: int, cause: str) -> Iterator[Accepted | Rejected]:
-    """Check whether cobot's program runs on the controller.
+    """Check that cobot's program is running on the controller.
 
     Args:
         packages: number of packages since the program has ended; 0 if it is connected.
-        cause: why the program may have ended on its own.
+        cause: possible reasons why the program has ended on its own.
     """
     if packages > ENDED_PACKAGES:
         yield Rejected(

@@ -72,7 +72,7 @@ class Dashboard:
 
     def _make_error(self, why: str) -> BackendError:
         if self._stream is not None:
-            self._stream.abort()  # or a request to release the brakes could arrive later
+            self._stream.abort()  # otherwise a request to release the brakes could still arrive later
         self.close()
         return BackendError(
             f"the dashboard server at {self._address}, port {PORT}: {why}. Switch it on (Settings, Security, "

@@ -24,13 +24,13 @@ POLYSCOPE_X = (10,)
 SAFETY_S = 2.0
 """Timeout for a safety mode to end after its cause has been reset, s."""
 MIN_REMOTE = (5, 6)
-"""First version of the dashboard server that reports remote control."""
+"""First software version whose dashboard server reports remote control."""
 _ROBOT_MESSAGE, _ERROR_CODE, _KEY, _EXCEPTION = 20, 6, 7, 10
 State = Callable[[], Mapping[str, Any]]
 
 
 class Enabling:
-    """Performs the steps that make the arm ready. Between two steps, packets are read and answered."""
+    """Performs the steps that make the arm ready. Packets are read and answered between the steps."""
 
     def __init__(
         self, transport: UrTransport, options: UrOptions, program: MotionProgram, period_s: float
@@ -65,7 +65,7 @@ class Enabling:
             self.close()
 
     def _operator_of(self, version: tuple[int, ...]) -> Dashboard | RobotApi | None:
-        """Return the interface that switches the arm on for this version; None if a person does so."""
+        """Return the interface that switches the arm on with this version; None if a person does so."""
         options = self._options
         if not options.dashboard or POLYSCOPE_X <= version[:2] < MIN_VERSION:
             return None
@@ -89,9 +89,7 @@ class Enabling:
         self._answer = answer
 
     def _until(self, happened: Callable[[], bool], timeout_s: float) -> Generator[None, None, None]:
-        """Wait until something has happened or the timeout has passed. `self._in_time` then states whether it
-        has happened.
-        """
+        """Wait until `happened` returns true or the timeout has passed. `self._in_time` then states which."""
         until_s = self._transport.clock() + timeout_s
         while not happened() and self._transport.clock() < until_s:
             yield
@@ -144,8 +142,8 @@ class Enabling:
             raise BackendError(SWITCH_ON.get(mode) or f"the robot mode is: {mode_in_words(mode)}")
 
     def _end_programs(self, state: State) -> Generator[None, None, None]:
-        """Wait until no program is running. If a cobot program is still running, it is ended. Any other
-        running program is an error.
+        """Wait until no program is running. A cobot program that is still running is ended; any other is an
+        error.
         """
 
         def stopped() -> bool:
@@ -220,7 +218,7 @@ def _hindered(state: Mapping[str, Any]) -> str:
 
 
 def error_messages(stream: bytes) -> list[str]:
-    """Return the last errors in the bytes from the primary interface: compiler errors, errors of a running
+    """Return the last errors in the data from the primary interface: compiler errors, errors of a running
     program, and error codes.
     """
     found, begin = [], 0

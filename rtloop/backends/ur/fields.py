@@ -143,4 +143,4 @@ INPUTS: dict[str, str] = {
 """Variables that a client may set, with their types."""
 
 ANSWERED = ("NOT_FOUND", "IN_USE")
-"""Answers that a controller gives instead of a type."""
+"""Replies of a controller in place of a variable's type."""

@@ -27,9 +27,7 @@ REPLY_S = 2.0
 """Timeout for the controller's answer to each step of the set-up, s."""
 RETRY_S = 0.5
 DEAD_S = 1.0
-"""Time without data after which the connection is closed, s. This is needed because the other end may not
-have closed it.
-"""
+"""Time without data after which the connection is closed, s, because the other end may not have closed it."""
 _VERSION = struct.Struct(">4I")
 
 
@@ -49,8 +47,8 @@ class RtdeLink:
     Attributes:
         version: version of the controller's software, four numbers; None before it is known.
         inputs: recipes for the groups of variables that can be set, by the first variable of each group.
-        problem: the reason why no data arrive; "" while they arrive.
-        lasting: whether another attempt would fail for the same reason.
+        problem: reason why no data arrives; "" while data arrives.
+        lasting: whether a further attempt would fail for the same reason.
         malformed: number of data packages that could not be decoded.
     """
 
@@ -65,7 +63,7 @@ class RtdeLink:
     ) -> None:
         """
         Args:
-            needed, useful: variables that are read. A controller may lack those in `useful`.
+            needed, useful: variables to read. The controller may lack those in `useful`.
             groups: groups of variables that are set together.
         """
         self._transport, self._address, self._frequency_hz = transport, address, frequency_hz
@@ -97,7 +95,7 @@ class RtdeLink:
         return self._stream.local if self._stream is not None else ""
 
     def poll(self) -> list[dict[str, Any]]:
-        """Continue the set-up as far as possible without waiting, and return the data packages that have
+        """Continue the setup as far as possible without waiting, and return the data packages that have
         arrived.
         """
         now_s = self._transport.clock()
@@ -194,7 +192,7 @@ class RtdeLink:
         step, payload = self._step, package.payload
         expected = _ANSWERS[step]
         if package.kind == Kind.DATA:
-            return  # from an earlier start
+            return  # answer to an earlier start
         if package.kind != expected:
             raise RtdeError(
                 f"the controller has answered {expected.name} with a package of type {package.kind}"

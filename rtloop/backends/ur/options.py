@@ -20,10 +20,10 @@ class UrOptions(BackendOptions):
         port: TCP port of this computer that the program on the controller connects to; 0 for a free one.
         callback: address of this computer as the controller sees it; None for the address that the connection
             to the controller uses.
-        dashboard: whether a start and a reset switch on the arm, release its brakes and unlock a protective
-            stop; false: a person does so at the teach pendant.
+        dashboard: whether a start or a reset switches on the arm, releases its brakes and unlocks a
+            protective stop. If false, a person must do so at the teach pendant.
         robot_api_port: TCP port of the Robot API, which PolyScope X provides instead of the dashboard server.
-        outputs: whether outputs and the speed slider can be set; other clients of RTDE then cannot set them.
+        outputs: whether outputs and the speed slider can be set. If true, other RTDE clients cannot set them.
         connect_s: timeout for the connection to the controller, s.
         enable_s: timeout for each step of switching on, s.
         silence_s: time without a package after which cobot enters FAULT, s.
@@ -35,7 +35,7 @@ class UrOptions(BackendOptions):
             contains none of the URScript functions for hand guiding.
         torque: whether sessions can use an impedance or torques, through the controller's `direct_torque`.
         torque_timeout_s: time without torques after which the program on the controller stops the arm, s.
-        check_pose: whether the pose that the controller reports must equal the model's pose.
+        check_pose: whether to check that the controller reports the model's pose.
     """
 
     model_config = ConfigDict(allow_inf_nan=False)

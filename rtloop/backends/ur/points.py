@@ -23,7 +23,7 @@ DIGITAL = (("digital", 8, 0), ("configurable", 8, 8), ("tool", 2, 16))
 MAX_VOLT = 10.0
 MIN_AMPERE, MAX_AMPERE = 0.004, 0.02
 _OUTPUT_DOMAIN = 2
-"""Number of the first output's bit in `analog_io_types`. A bit is 0 for a current and 1 for a voltage."""
+"""Index of the first output's bit in `analog_io_types`. A bit is 0 for current and 1 for voltage."""
 GROUPS: tuple[tuple[str, ...], ...] = (
     ("speed_slider_mask", "speed_slider_fraction"),
     ("standard_digital_output_mask", "standard_digital_output"),
@@ -122,10 +122,10 @@ class UrOutputs:
         self.problem = ""
 
     def follow(self, data: Mapping[str, Any], now_s: float) -> None:
-        """Send waiting values, and release each output that has reached its value. Called once per cycle.
+        """Send waiting values, and release each output that has reached its value. Call it once per cycle.
 
-        Only one output of a group is set at a time, because if two packages arrive within one control period,
-        the second one replaces the first.
+        Only one output of a group is set at a time, because the second of two packages within one control
+        period would replace the first.
         """
         if not self._sent and not self._wanted:
             return
@@ -144,7 +144,9 @@ class UrOutputs:
                 occupied.add(wanted.group)
 
     def _release(self, wanted: _Wanted) -> None:
-        """Release the output for others: the controller applies the mask until it is cleared."""
+        """Release the output for other clients, because the controller applies the mask until it is
+        cleared.
+        """
         self._send(wanted.group, {**wanted.values, wanted.group: 0})
 
 
@@ -162,8 +164,8 @@ def _request(point: IoPoint, value: float, data: Mapping[str, Any]) -> tuple[str
 
 
 def _analog(name: str, index: int, value: float, data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the variables that set an analog output. The unit is V or A, depending on how the controller
-    uses the output now.
+    """Return the variables that set an analog output. The unit is V or A, depending on the output's current
+    domain.
     """
     domain = data.get("analog_io_types", 0) >> _OUTPUT_DOMAIN + index & 1
     low, high, unit = (0.0, MAX_VOLT, "V") if domain else (MIN_AMPERE, MAX_AMPERE, "A")

@@ -15,7 +15,7 @@ from rtloop.backends.ur.torques import HELD_STEPS, SPEED_SHARE, TORQUE_PERIOD_S,
 from rtloop.backends.ur.transport import ByteListener, ByteStream, UrTransport
 
 MAGIC = 0x636F626F
-"""First number that the program sends. Its second number identifies the upload."""
+"""First number that the program sends. The second one identifies the upload."""
 SCALE = 1e8
 """Integer that represents one radian in a message."""
 FIRST_TIMEOUT_S = 3.0
@@ -26,8 +26,8 @@ TORQUE_SCALE = 1e6
 """Integer that represents 1 N·m in a message."""
 END, POSITION, PAYLOAD, GUIDE, WAIT, EXERT = 0, 1, 2, 3, 4, 5
 PARTS = ("freedrive", "torque")
-"""Options that control program lines. A line that ends with the name of one of them is left out if the option
-is off.
+"""Options that include lines of the program. A line that ends with the name of an option is left out if the
+option is off.
 """
 MAX_PERIODS = 1000
 
@@ -119,9 +119,7 @@ class MotionProgram:
             ) from exc
 
     def text(self, local: str, period_s: float) -> str:
-        """Return the text for the next upload. From now on, the connection of an earlier program is
-        rejected.
-        """
+        """Return the text for the next upload. Connections of earlier programs are rejected from then on."""
         assert self._listener is not None
         self.drop()
         self._token = self._token % 1_000_000 + 1 + round(1e3 * self._transport.clock()) % 1_000_000

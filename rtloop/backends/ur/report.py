@@ -1,4 +1,4 @@
-"""The device status that follows from what a controller sends."""
+"""The device status, derived from the controller's data."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def status_of(
     """
     Args:
         data: the values of an RTDE package.
-        own_texts: texts of the backend, which are in front of the controller's; "" for none.
+        own_texts: texts of the backend, which precede the controller's; "" for none.
     """
     mode, safety = data["robot_mode"], data.get("safety_status", data["safety_mode"])
     return DeviceStatus(
@@ -42,6 +42,6 @@ def _texts(data: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _speed_scaling(data: Mapping[str, Any]) -> float:
-    """Return the share of the motion speed: the speed slider times the controller's own reduction."""
+    """Return the speed scaling: the speed slider times the controller's own reduction."""
     share = data["speed_scaling"] * data["target_speed_fraction"]
     return min(max(float(share), 0.0), 1.0) if math.isfinite(share) else 0.0

@@ -1,5 +1,5 @@
-"""The Robot API of PolyScope X: requests over HTTP. It replaces the dashboard server, so `RobotApi` accepts
-the same requests and returns the same kind of answers as `Dashboard`.
+"""The Robot API of PolyScope X: requests over HTTP. It replaces the dashboard server, so `RobotApi` has the
+same requests and answers as `Dashboard`.
 """
 
 from __future__ import annotations
@@ -27,9 +27,7 @@ REQUESTS: dict[str, tuple[str, str, str]] = {
     "brake release": ("PUT", STATE, "BRAKE_RELEASE"),
     "stop": ("PUT", PROGRAM, "stop"),
 }
-"""Method, path and action for each request to the dashboard server. Requests that are not listed are not
-needed here.
-"""
+"""Method, path and action for each request to the dashboard server. Other requests are not needed."""
 FORBIDDEN = 403
 """HTTP status of each action while the robot is in Local Control."""
 

@@ -45,7 +45,9 @@ _KINDS = frozenset(Kind)
 
 
 class RtdeError(Exception):
-    """Raised if the controller sends bytes that are not RTDE, or a package that does not fit the session."""
+    """Raised if the controller sends bytes that are not RTDE, or a package that does not match the
+    session.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,6 +172,6 @@ def encode_text(message: str, source: str, level: int) -> bytes:
 
 
 def decode_text(payload: bytes) -> str:
-    """Return a message's text, as far as it can be read."""
+    """Return the readable part of a message's text."""
     length = payload[0] if payload else 0
     return payload[1 : 1 + length].decode(errors="replace")

@@ -1,10 +1,9 @@
-"""Torques for the controller's `direct_torque`, which compensates gravity itself. They act as springs around
-the commanded position. This module also estimates the external efforts.
+"""Torques for the controller's `direct_torque`, which compensates gravity itself. They act like springs
+around the commanded position. This module also estimates external efforts.
 
-Published facts (URScript manual of PolyScope 5.25): the function sets the target torques for one control
-step, of which there are 500 per second, and must be called in each step. After a step without a call the
-controller is in position control again. A program returns to position control with `stopj` or `speedj`.
-Torques do not include gravity.
+From the URScript manual of PolyScope 5.25: the function sets the target torques, without gravity, for one of
+500 control steps per second, and must be called in each step. After a step without a call, the controller
+returns to position control. A program itself returns with `stopj` or `speedj`.
 """
 
 from __future__ import annotations
@@ -26,40 +25,40 @@ MIN_POLYSCOPE, MIN_POLYSCOPE_X, POLYSCOPE_X = (5, 23), (10, 11), (10,)
 MOTOR_TORQUE = "actual_current_as_torque"
 """RTDE variable with the measured motor currents, converted to torques, N·m."""
 HELD_STEPS = 4
-"""The newest torques stay in effect for this number of control steps without a message. After that they
-fade out.
+"""Number of control steps without a message for which the newest torques stay in effect. After that they fade
+out.
 """
 SPEED_SHARE = 1.1
 """Share of a joint's velocity limit above which the program ends the torques and stops the arm."""
 RISE_S = 0.05
 """Minimum time in which the torque of a joint rises from 0 to its limit, s."""
 REST_RAD_S = 0.01
-"""Maximum joint speed at which the arm counts as at rest, rad/s."""
+"""The arm is at rest if no joint is faster than this, rad/s."""
 MAX_REPEATED = 5
-"""Number of consecutive packages with identical values from a moving arm after which the values count as
-frozen.
+"""Number of consecutive packages with identical values from a moving arm after which the values are
+considered frozen.
 """
 MAX_CONSTANT = 10
-"""Number of packages with the same values and motor currents after which the values of an arm at rest
-count as frozen. The noise of measured currents never repeats.
+"""Number of packages with the same values and motor currents after which the values of an arm at rest are
+considered frozen. The noise of measured currents never repeats.
 """
 STIFFNESS_SHARE = 0.09
-"""Stiffness as a share of the simulation's maximum stiffness. The stiffest springs then have 30 rad/s,
-because several milliseconds pass between measuring and exerting a torque.
+"""Stiffness as a share of the simulation's maximum stiffness. The stiffest springs then have a frequency of
+30 rad/s, which is low because several milliseconds pass between measuring and exerting a torque.
 """
 
 
 def torque_rate(limits: JointLimits) -> Array:
-    """Maximum rate of the torques, shape (dof,), N·m/s."""
+    """Return the maximum rate of the torques, shape (dof,), N·m/s."""
     return limits.max_effort / RISE_S
 
 
 def check_version(version: tuple[int, ...], text: str, *, has_torque: bool) -> Accepted | Rejected:
-    """Check whether a controller has `direct_torque`.
+    """Check that a controller has `direct_torque`.
 
     Args:
         version: version of its software.
-        text: the same for people.
+        text: the version as text for messages.
         has_torque: whether its RTDE has `MOTOR_TORQUE`.
     """
     first = MIN_POLYSCOPE if version < POLYSCOPE_X else MIN_POLYSCOPE_X
@@ -86,7 +85,7 @@ class ExertedTorques:
         self.is_on = False
         model = self._model = self.robot.mj
         model.opt.timestep = settings.rt.period_s
-        model.dof_damping[:] = model.dof_frictionloss[:] = 0.0  # of real joints they are not known
+        model.dof_damping[:] = model.dof_frictionloss[:] = 0.0  # for real joints they are unknown
         self._data = mujoco.MjData(model)
         self._observer = Observer(model, self._data, np.zeros((6, limits.dof)))
         self._gravity = np.zeros(limits.dof)
@@ -102,7 +101,7 @@ class ExertedTorques:
         return impedance.cartesian or not np.allclose(impedance.stiffness, self.nominal_stiffness, rtol=1e-6)
 
     def begin(self, impedance: Impedance) -> None:
-        """Use these springs from the next cycle on."""
+        """Use this impedance from the next cycle on."""
         if self.is_on:
             self._giving.use(impedance)
         else:
@@ -110,7 +109,7 @@ class ExertedTorques:
         self.is_on = True
 
     def check(self, position: Array, velocity: Array, motor: Array) -> Accepted | Rejected:
-        """Check whether the measured values can be used for torques. Called once per package.
+        """Check that the measured values can be used for torques. Call it once per package.
 
         Args:
             motor: measured torques of the motors, N·m.
@@ -134,18 +133,17 @@ class ExertedTorques:
         )
 
     def find(self, command: Array, position: Array, velocity: Array) -> Array:
-        """The torques to exert now, see `GivingWay.torques`."""
+        """Return the torques to exert in this cycle, see `GivingWay.torques`."""
         return self._giving.torques(command, position, velocity)
 
     def estimate(self, position: Array, velocity: Array, motor: Array) -> Array:
-        """Estimate the external efforts, shape (dof,), N·m. Friction counts as external.
+        """Estimate the external efforts, shape (dof,), N·m, including friction.
 
-        While the arm is under torque control, the exerted torques are used, because the controller
-        compensates friction in addition to them.
+        Under torque control, the exerted torques are used, because the controller compensates friction in
+        addition to them.
 
         Args:
-            motor: measured torques of the motors, N·m. They are used only while the arm is not under torque
-                control.
+            motor: measured torques of the motors, N·m. They are used only in position control.
         """
         data = self._data
         if not all(np.isfinite(each).all() for each in (position, velocity, motor)):

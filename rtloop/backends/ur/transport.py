@@ -1,4 +1,4 @@
-"""Streams of bytes to and from the controller. Nothing here waits, except `wait`."""
+"""Byte streams to and from the controller. Only `wait` waits."""
 
 from __future__ import annotations
 
@@ -27,21 +27,23 @@ class ByteStream(Protocol):
     def local(self) -> str: ...
 
     def is_connected(self) -> bool:
-        """Whether the connection is established. OSError: it was refused."""
+        """Whether the connection is established. Raises OSError if it was refused."""
         ...
 
     def receive(self) -> bytes:
-        """The bytes that have arrived, b"" without any. ConnectionError: the other end has closed."""
+        """Return the bytes that have arrived; b"" if there are none. Raises ConnectionError if the other end
+        has closed the connection.
+        """
         ...
 
     def send(self, data: bytes) -> None:
-        """Send bytes. ConnectionError: the connection is closed, or the other end reads nothing."""
+        """Send bytes. Raises ConnectionError if the connection is closed or the other end does not read."""
         ...
 
     def close(self) -> None: ...
 
     def abort(self) -> None:
-        """Close a connection that is lost. Data that have not arrived yet are not delivered later."""
+        """Close a lost connection. Data that has not arrived yet will not be delivered."""
         ...
 
 
@@ -52,19 +54,19 @@ class ByteListener(Protocol):
     def port(self) -> int: ...
 
     def accept(self) -> ByteStream | None:
-        """The next connection, None without one."""
+        """Return the next connection; None if there is none."""
         ...
 
     def close(self) -> None: ...
 
 
 class UrTransport(Protocol):
-    """The network of a controller and its clock."""
+    """The network to a controller, and the clock of this connection."""
 
     def clock(self) -> float: ...
 
     def connect(self, host: str, port: int) -> ByteStream:
-        """Begin to connect. OSError: there is no such host, or no route to it."""
+        """Begin to connect. Raises OSError if there is no such host or no route to it."""
         ...
 
     def listen(self, port: int) -> ByteListener:
@@ -72,7 +74,7 @@ class UrTransport(Protocol):
         ...
 
     def wait(self, streams: Sequence[ByteStream], timeout_s: float) -> None:
-        """Wait until one of the streams has something to receive, or the timeout is over."""
+        """Wait until one of the streams has data to receive, or the timeout has passed."""
         ...
 
 
@@ -156,7 +158,7 @@ class TcpTransport:
         self._hosts: dict[str, tuple[socket.AddressFamily, str]] = {}
 
     def connect(self, host: str, port: int) -> ByteStream:
-        if host not in self._hosts:  # only once: it can take seconds, and the cycle connects again
+        if host not in self._hosts:  # only once, because it can take seconds and is called in the cycle
             ((found, _, _, _, place), *_) = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
             self._hosts[host] = found, str(place[0])
         family, address = self._hosts[host]
@@ -175,6 +177,6 @@ class TcpTransport:
         poll = select.poll()
         for stream in streams:
             if isinstance(stream, TcpStream):
-                with contextlib.suppress(ValueError):  # it is closed
+                with contextlib.suppress(ValueError):  # the stream is closed
                     poll.register(stream.socket, select.POLLIN)
         poll.poll(max(1e3 * timeout_s, 0.0))

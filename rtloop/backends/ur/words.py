@@ -31,7 +31,7 @@ HINDERED: dict[int, str] = {
     SafetyMode.AUTOMATIC_MODE_SAFEGUARD_STOP: "safeguard stop of the automatic mode; close and reset it",
     SafetyMode.SYSTEM_THREE_POSITION_ENABLING_STOP: "the three-position switch is not in its middle position",
 }
-"""Texts of the safety modes in which the arm cannot move. In NORMAL and REDUCED it can."""
+"""Texts of the safety modes in which the arm cannot move: all except NORMAL and REDUCED."""
 UNLOCKABLE = SafetyMode.PROTECTIVE_STOP
 LOCAL = (
     "the controller is in Local Control, in which it does not accept programs over the network: press Local "
@@ -51,7 +51,7 @@ def mode_in_words(mode: int) -> str:
 
 
 def hindrance(safety: int) -> str:
-    """The reason why the arm cannot move; "" if the safety mode permits motion."""
+    """Return the reason why the arm cannot move; "" if the safety mode permits motion."""
     if safety in (SafetyMode.NORMAL, SafetyMode.REDUCED):
         return ""
     return HINDERED.get(safety, f"safety mode {safety}")

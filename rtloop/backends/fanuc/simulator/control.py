@@ -1,4 +1,4 @@
-"""Control interface of a running simulated controller, for tests and people: one JSON object per line, over
+"""Control interface of a running simulated controller, for tests and users: one JSON object per line, over
 TCP.
 """
 
@@ -23,12 +23,12 @@ class FanucControlRequest(StrictModel):
     """Changes to the controller. Omitted fields stay unchanged.
 
     Attributes:
-        drop: number of the following packets to the client that are lost.
+        drop: number of the next packets to the client that are lost.
         spoil: how measured values are corrupted on their way to the client.
-        e_stop, fence, collision: whether the cause of that alarm persists.
+        e_stop, fence, collision: whether the cause of the alarm persists.
         alarm: text of another alarm, without a cause that persists.
         close: whether the connection of the Remote Motion Interface is closed.
-        deaf: whether it does not reply to requests.
+        deaf: whether the Remote Motion Interface ignores requests.
         io: values of inputs and outputs by name.
     """
 

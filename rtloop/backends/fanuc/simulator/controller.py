@@ -1,7 +1,7 @@
 """The controller's side of Stream Motion and of the Remote Motion Interface.
 
-The simulated controller counts periods instead of using a clock: a test steps it, and a server runs it in
-real time. docs/fanuc.md states the behaviour for which FANUC publishes no figures.
+The simulated controller counts periods instead of using a clock: tests step it, and a server runs it in real
+time. docs/fanuc.md describes the behaviour for which FANUC publishes no figures.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from rtloop.backends.simulators.arm import ControllerArm
 from rtloop.results import Rejected
 
 MAX_SPEED = 2000
-"""TCP speed in the last column of the limits table, mm/s."""
+"""TCP speed that the last column of the limits table applies to, mm/s."""
 MISSED_MS = 100
 """Time without a command after which a motion ends, ms. Measured values on a CRX are 71 to 121 ms."""
 BRAKE_RAD_S2 = 10.0
@@ -71,7 +71,7 @@ class FanucController:
         alarms: active alarms, newest first.
         causes: alarms whose cause persists, so that a reset does not clear them.
         io: values of the inputs and outputs.
-        events: what happened, as text.
+        events: log of what has happened.
         override: speed override, per cent.
         program: whether the program of Stream Motion is running.
         contact_stop: contact stop of a collaborative robot.
@@ -109,7 +109,7 @@ class FanucController:
         periods = 1 + options.lag_ms // options.period_ms
         self._late = deque([arm.measured.position.copy()] * periods, maxlen=periods)
 
-    # What a person does
+    # Actions of a person
 
     def press(self, alarm: str) -> None:
         """Raise an alarm whose cause persists until `release`."""
@@ -140,7 +140,7 @@ class FanucController:
         if state in STOPPED:
             self._end(f"contact stop {state.name}")
 
-    # What the Remote Motion Interface does
+    # Actions of the Remote Motion Interface
 
     @property
     def servo_ready(self) -> bool:
@@ -189,8 +189,8 @@ class FanucController:
         return b""
 
     def step(self) -> bytes:
-        """Begin a period and move the arm. Return the state packet for the client; b"" if the client has not
-        requested states.
+        """Begin a period and move the arm. Return the status packet for the client; b"" if the client has not
+        requested the state.
         """
         self.time_ms += self.options.period_ms
         self._move()
@@ -231,8 +231,8 @@ class FanucController:
 
     @property
     def peaks(self) -> dict[str, list[float]]:
-        """Return the largest share of each joint's velocity, acceleration and jerk limit that commands have
-        used.
+        """Return the largest velocity, acceleration and jerk of the commands, for each joint as a share of
+        its limit.
         """
         return {
             rate.name.lower(): row.tolist() for rate, row in zip(LimitRate, self._reflexes.peaks, strict=True)
@@ -289,8 +289,8 @@ class FanucController:
         self._last, self._received = packet.is_last, True
 
     def _move(self) -> None:
-        """Move the arm for one period: to the command, or at constant velocity if a command is missing, or
-        braking.
+        """Move the arm for one period: to the command, at constant velocity if a command is missing, or
+        decelerating.
         """
         arm = self.arm
         target, is_last = self._targets.popleft() if self._targets else (None, False)

@@ -1,4 +1,6 @@
-"""A simulated controller and a backend in one process, stepped period by period without clock or network."""
+"""A simulated controller and a backend in one process, stepped period by period without a clock or
+network.
+"""
 
 from __future__ import annotations
 
@@ -103,7 +105,7 @@ class FanucLockStep:
         return RmiClient("the simulated controller", 16001, 1.0, self.connect)
 
     def kill_client(self) -> None:
-        """Simulate the death of the backend's process, which also closes its connection."""
+        """Simulate a crash of the backend's process, which also closes its connection."""
         self.answers.leave()
 
 
@@ -149,7 +151,8 @@ class FanucRig(LockStepRig[FanucLockStep]):
         cell = FanucControllerOptions(
             period_ms=round(settings.rt.period_s * 1e3),
             horizon=options.j3 == "horizon",
-            table_share=2.0 if options.j3 == "horizon" else 1.0,  # axis 3 adds the speeds of two joints
+            # axis 3 moves at the sum of the speeds of two joints
+            table_share=2.0 if options.j3 == "horizon" else 1.0,
             io={name: IO.get(name, 0) for name in points},
             world_z_m=options.world_z_m or 0.0,
         )

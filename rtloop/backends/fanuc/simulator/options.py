@@ -14,7 +14,7 @@ class FanucControllerOptions:
     """
     Attributes:
         version: newest version of Stream Motion that it supports.
-        horizon: whether joint 3 of the stream is measured from the horizon.
+        horizon: whether joint 3 in the stream is measured from the horizon.
         payload_share: share of the full payload for which the controller checks its limits, 0 to 1.
         table_share: the controller's limits at full payload and maximum speed, as a share of the model's
             limits.

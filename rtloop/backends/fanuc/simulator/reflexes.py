@@ -1,4 +1,4 @@
-"""Checks for commands that stop a controller: those beyond the limits table, or too far from the previous
+"""Finds commands that make a controller stop: those beyond the limits table, or too far from the previous
 command.
 """
 
@@ -24,7 +24,7 @@ WORDS = {LimitRate.VELOCITY: "velocity", LimitRate.ACCELERATION: "acceleration",
 
 
 def table_of(limits: JointLimits, per_unit: Array, share: float, max_speed: int) -> LimitsTable:
-    """Make a limits table. Its limits at full payload and maximum speed are this share of the arm's
+    """Make a limits table, whose limits at full payload and maximum speed are the given share of the arm's
     limits.
     """
     table = LimitsTable(limits.dof)
@@ -56,11 +56,11 @@ class Reflexes:
     def check(
         self, sequence: int, position: Array, here: Array, tcp_m_s: float, period_s: float
     ) -> Accepted | Rejected:
-        """Check whether a command is accepted. If not, the motion ends.
+        """Check a command. If it is rejected, the motion ends.
 
         Args:
             sequence: command number.
-            here: commanded position of the arm so far.
+            here: the arm's commanded position so far.
             tcp_m_s: TCP speed, m/s.
         """
         limits = self._limits
@@ -81,8 +81,8 @@ class Reflexes:
         return result
 
     def _rates(self, sequence: int, position: Array, tcp_m_s: float, period_s: float) -> Accepted | Rejected:
-        """Check the velocity. Also check the acceleration and the jerk, unless a command that is needed to
-        calculate them was lost.
+        """Check the velocity, acceleration and jerk. The last two are not checked if a command that is needed
+        to calculate them was lost.
         """
         known = [*self._known, (sequence, position)]
         numbers = [number for number, _ in known]

@@ -1,4 +1,4 @@
-"""The controller's side of the Remote Motion Interface. It replies to each request."""
+"""The controller's side of the Remote Motion Interface, which replies to requests."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class RmiAnswers:
     """Answers requests, in one session at a time.
 
     Attributes:
-        session_port: port of the session, after a client has received its number.
+        session_port: port of the session; valid once a client has received its number.
         occupied: whether a client has a session.
     """
 

@@ -17,15 +17,15 @@ from rtloop.backends.simulators.times import ServerTimes
 
 MAX_AT_ONCE = 256
 MIN_SHARE = 0.9
-"""Fraction of a period between two packets while the process catches up after a delay."""
+"""Time between two packets, as a share of the period, while the process catches up after a delay."""
 ALONE_S = 1.0
-"""Time without a packet from the client, s. After that, a different client may take over even if the first
-one did not stop its stream.
+"""Time without a packet after which a different client may take over, even if the first one has not stopped
+its stream, s.
 """
 
 
 class RmiServer:
-    """Serves the two ports of the Remote Motion Interface, between two packets of Stream Motion."""
+    """Serves the two ports of the Remote Motion Interface, between packets of Stream Motion."""
 
     def __init__(self, address: str, port: int, answers: RmiAnswers) -> None:
         """Open the two ports. Raises OSError if the address or a port cannot be used."""
@@ -125,8 +125,8 @@ def _heard(client: socket.socket) -> bytes | None:
 class ControllerServer:
     """Sends a packet in each period, and receives the answers.
 
-    A real controller is punctual, but this process may not be. So an answer is in time if it arrives before
-    the next packet is sent, regardless of when this process reads it.
+    A real controller keeps exact time, but this process may not. So an answer is in time if it arrives before
+    the next packet is sent, whenever this process reads it.
     """
 
     def __init__(
@@ -142,7 +142,7 @@ class ControllerServer:
     ) -> None:
         """
         Args:
-            patience_s: maximum wait for a late answer, s, before it counts as missing.
+            patience_s: maximum wait for a late answer, s; after it, the answer is missing.
 
         Raises:
             OSError: an address or port cannot be used.
@@ -162,7 +162,7 @@ class ControllerServer:
         self._client: tuple[str, int] | None = None
         self._client_s = self._sent_s = time.monotonic()
         self._expects = self._two = False
-        self._deaf = True  # no answer yet, or none since the patience ran out
+        self._deaf = True  # no answer yet, or none since `patience_s` was exceeded
 
     @property
     def port(self) -> int:
@@ -212,7 +212,7 @@ class ControllerServer:
 
     def _send(self, packet: bytes) -> None:
         if self._client is not None:
-            with contextlib.suppress(OSError):  # there is no client, which the missing answer shows
+            with contextlib.suppress(OSError):  # no client; the missing answer shows this
                 self._socket.sendto(packet, self._client)
 
     def _listen(self, deadline_s: float, ending: list[str]) -> None:
@@ -225,7 +225,7 @@ class ControllerServer:
             if now_s >= until_s:
                 self._deaf = self._deaf or (self._expects and self._patience_s > 0.0)
                 return
-            # A late answer must not keep the other interfaces waiting.
+            # While waiting for a late answer, serve the other interfaces, too.
             readable = [self._socket, *self.rmi.sockets]
             ready, _, _ = select.select(readable, [], [], min(until_s - now_s, 0.02))
             if self._socket in ready:
@@ -263,7 +263,7 @@ class ControllerServer:
             self._send(reply)
 
     def _is_client(self, sender: tuple[str, int]) -> bool:
-        """Whether a packet is from the current client. If that client has sent nothing for a while, a
+        """Whether a packet is from the current client. If that client has sent nothing for `ALONE_S`, a
         different client may take over.
         """
         now_s = time.monotonic()

@@ -1,8 +1,8 @@
 """The controller's side of FRI, with five session states, the connection quality, reflexes and one packet per
 period.
 
-The simulated controller counts periods instead of using a clock: a test steps it, and a server runs it in
-real time. docs/kuka-fri.md states the behaviour for which KUKA publishes no figures.
+The simulated controller counts periods instead of using a clock: tests step it, and a server runs it in real
+time. docs/kuka-fri.md describes the behaviour for which KUKA publishes no figures.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ COUNTER = 1 << 32
 STAGE_PERIODS = 10
 """Minimum number of periods for which a session stays in one state."""
 REOPEN_MS = 500
-"""Time until the cabinet's program opens a session again, ms."""
+"""Time after which the cabinet's program opens a new session, ms."""
 BRAKE_RAD_S2 = 10.0
 DRIVES_MS = 50
 """Time until the drives are on, ms."""
@@ -81,7 +81,7 @@ class Cabinet:
         self.motions = self.below_good = 0
         self.malformed = 0
         self._sequence = -1
-        self._periods = 0  # in this state
+        self._periods = 0  # number of periods in this state
         self._drives = DriveState.ACTIVE
         self._drives_left = 0
         self._open_after = 1
@@ -152,7 +152,7 @@ class Cabinet:
             self.events.append(f"safety: {self.safety.name}")
 
     def switch_mode(self, mode: OperationMode) -> None:
-        """Turn the operator's key switch. The running motion ends."""
+        """Turn the operator's key switch, which ends the running motion."""
         if mode == self.mode:
             return
         self.mode = mode
@@ -161,7 +161,7 @@ class Cabinet:
             self._end_motion(f"the operation mode was changed to {mode.name}")
 
     def close_session(self, reason: str) -> None:
-        """Make the cabinet's program end the session and open the next one after a while."""
+        """Make the cabinet's program end the session, and open the next one after `REOPEN_MS`."""
         self._enter(SessionState.IDLE, reason)
         self._end(REOPEN_MS // self.options.period_ms)
 
@@ -222,8 +222,8 @@ class Cabinet:
         return ready and self._periods >= STAGE_PERIODS
 
     def _take(self, command: CommandMessage, elapsed: int) -> None:
-        """Process a command for a motion that waits or runs. `elapsed` is the number of periods since the
-        last command.
+        """Process a command for a motion that is waiting or running. `elapsed` is the number of periods since
+        the last command.
         """
         if not usable(command, self.options.command_mode, self.arm.limits.dof):
             return

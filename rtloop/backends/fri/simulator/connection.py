@@ -1,4 +1,4 @@
-"""How the cabinet evaluates its connection: it calculates a quality from missing and late answers."""
+"""The cabinet's evaluation of its connection: a quality, calculated from missing and late answers."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from rtloop.backends.beat import ahead
 from rtloop.backends.fri.messages import Quality
 
 WINDOW = 100
-"""Number of the last answers from which the quality is calculated."""
+"""Number of latest answers from which the quality is calculated."""
 MIN_PACKETS = 10
 """Minimum number of packets for a quality better than POOR."""
 LATE = 0.5
-"""Weight of an answer that is one period late. An answer in time has the weight 1."""
+"""Weight of an answer that is one period late. A punctual answer has the weight 1."""
 EXCELLENT, GOOD, FAIR = 0.95, 0.75, 0.5
 """Minimum mean weight of the answers for each quality."""
 CLOSE_AFTER_MS = 100
@@ -37,9 +37,7 @@ class ClientConnection:
         self.forget(0)
 
     def forget(self, sequence: int) -> None:
-        """Begin a session with the message of this number, and forget everything about the previous
-        client.
-        """
+        """Begin a session whose first message has this number, and forget the previous client."""
         self._worth: deque[float] = deque(maxlen=WINDOW)
         self._since = 0
         self.silent = 0
@@ -91,5 +89,5 @@ class ClientConnection:
 
     @property
     def lost(self) -> bool:
-        """Whether so many answers are missing that the session ends."""
+        """Whether enough answers are missing to end the session."""
         return self.silent >= self._close_after

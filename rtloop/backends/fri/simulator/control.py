@@ -1,4 +1,4 @@
-"""Control interface of a running simulated cabinet, for tests and people: one JSON object per line, over
+"""Control interface of a running simulated cabinet, for tests and users: one JSON object per line, over
 TCP.
 """
 
@@ -24,7 +24,7 @@ class ControlRequest(StrictModel):
 
     Attributes:
         safety_stop: level of a safety stop, -1 for none.
-        drop: number of the following messages to the client that are lost.
+        drop: number of the next messages to the client that are lost.
         spoil: how measured values are corrupted on their way to the client.
         close: whether the program ends the session, to open another one.
         push: wrench of the surroundings at the TCP, N and N·m, base frame.

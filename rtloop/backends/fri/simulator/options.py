@@ -11,7 +11,7 @@ NEEDED_CONTROL = {
     CommandMode.WRENCH: ControlMode.CARTESIAN_IMPEDANCE,
     CommandMode.TORQUE: ControlMode.JOINT_IMPEDANCE,
 }
-"""Control mode of the drives that each of these overlays requires. Positions work in any mode."""
+"""Control mode of the drives that an overlay requires. Positions work in any mode."""
 SPRINGS: dict[ControlMode, Springs] = {
     ControlMode.CARTESIAN_IMPEDANCE: "cartesian",
     ControlMode.JOINT_IMPEDANCE: "joint",

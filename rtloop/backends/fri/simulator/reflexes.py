@@ -24,8 +24,8 @@ def usable(command: CommandMessage, mode: CommandMode, dof: int) -> bool:
 
 
 def check_overlay(command: CommandMessage, mode: CommandMode) -> Accepted | Rejected:
-    """Check whether the overlay of a command is accepted. If not, the motion ends. Torques are clamped to the
-    drives' limits.
+    """Check the torques or the wrench in a command. If they are rejected, the motion ends. Finite torques are
+    then clamped to the drives' limits.
     """
     if mode == CommandMode.TORQUE and not np.isfinite(command.torque).all():
         return Rejected("the client commands a torque that is not finite")
@@ -40,7 +40,7 @@ def check_overlay(command: CommandMessage, mode: CommandMode) -> Accepted | Reje
 
 
 def check_echo(arm: ControllerArm, position: Array) -> Accepted | Rejected:
-    """Check whether a waiting motion may begin."""
+    """Check that a waiting motion may begin."""
     off = np.abs(position - arm.setpoint)
     if not np.isfinite(off).all():
         return Rejected("the client commands a position that is not finite")

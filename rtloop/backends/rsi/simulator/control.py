@@ -1,4 +1,4 @@
-"""Control interface of a running simulated controller, for tests and people."""
+"""Control interface of a running simulated controller, for tests and users."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ class RsiControlRequest(StrictModel):
     """Changes to the controller. Omitted fields stay unchanged.
 
     Attributes:
-        drop: number of the following packets to the client that are lost.
+        drop: number of the next packets to the client that are lost.
         spoil: how measured values are corrupted on their way to the client.
         estop: whether the emergency stop is pressed.
         override: program override, percent.
-        runs: whether the operator starts the program again when nothing prevents it.
+        runs: whether the operator restarts the program as soon as nothing prevents it.
         off: whether to end RSI now.
         push: wrench of the surroundings at the TCP, N and N·m, base frame.
         inputs: values of inputs by name.

@@ -1,7 +1,7 @@
 """The controller's side of RSI, with the time stamp IPOC, corrections, reflexes and one telegram per period.
 
-The simulated controller counts periods instead of using a clock: a test steps it, and a server runs it in
-real time. docs/kuka-rsi.md states the behaviour for which KUKA publishes no figures.
+The simulated controller counts periods instead of using a clock: tests step it, and a server runs it in real
+time. docs/kuka-rsi.md describes the behaviour for which KUKA publishes no figures.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from rtloop.results import Rejected
 
 FIRST_IPOC = 123_456
 RESTART_MS = 200
-"""Time from when nothing prevents a start until the operator starts the program again, ms."""
+"""Time until the operator restarts the program once nothing prevents it, ms."""
 BRAKE_RAD_S2 = 10.0
 EVENTS = 200
 LENIENT_PERIODS = 50
@@ -33,7 +33,7 @@ class Counters:
     Attributes:
         answered, late: numbers of telegrams that were answered in time and too late.
         malformed: number of received packets that are not answers.
-        wrong_ipoc: number of answers to a telegram that was not the last one.
+        wrong_ipoc: number of answers to an earlier telegram than the last one.
         sessions: number of times that RSI was switched on.
     """
 
@@ -53,7 +53,7 @@ class _Session:
         correction: current correction, rad.
         values: values of the last valid answer, rad.
         delay, row: number of late answers since RSI_ON, and number of consecutive late answers.
-        lenient: number of further periods in which changes of velocity are not checked, because an answer was
+        lenient: number of periods in which changes of velocity are still not checked, because an answer was
             late.
     """
 
@@ -62,7 +62,7 @@ class _Session:
     values: Array
     delay: int = 0
     row: int = 0
-    is_answered: bool = True  # nothing was sent yet
+    is_answered: bool = True  # because nothing has been sent yet
     is_attached: bool = False
     lenient: int = 0
     velocity: Array = field(default_factory=lambda: np.zeros(0))
@@ -78,7 +78,7 @@ class RsiController:
         is_stopped: whether a safety stop is active. The drives are then off.
         mode: position of the operator's key switch.
         inputs, outputs: values of the inputs and outputs, in the order of the layout.
-        starts_again: whether the operator starts the program again when nothing prevents it.
+        starts_again: whether the operator restarts the program as soon as nothing prevents it.
         events: event descriptions, newest last.
         wire: positions that the client has commanded, rad.
     """
@@ -197,7 +197,7 @@ class RsiController:
         self.events.append("RSI is on")
 
     def _count_missing(self, session: _Session) -> None:
-        """Count a missing answer. A client that has never answered counts as not connected yet."""
+        """Count a missing answer, unless the client has never answered: then it is not connected yet."""
         if session.is_answered:
             session.lenient = max(0, session.lenient - 1)
             return
@@ -245,7 +245,7 @@ class RsiController:
         self.wire.append(position)
 
     def _move(self) -> None:
-        """Move the arm to the corrected position, or brake."""
+        """Move the arm to the corrected position, or decelerate."""
         setpoint = self.arm.setpoint
         if self._session is not None:
             target = self._session.reference + self._session.correction

@@ -1,4 +1,6 @@
-"""A simulated controller and a backend in one process, stepped period by period without clock or network."""
+"""A simulated controller and a backend in one process, stepped period by period without a clock or
+network.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +22,8 @@ from rtloop.backends.simulators.lockstep import RESTART_S, LockStep, LockStepRig
 from rtloop.contract import FAULTS
 
 LARGE = 170.0
-"""Maximum correction of the simulated controller, degrees or mm. The contract's motions exceed KUKA's default
-of 5.
+"""Maximum correction of the simulated controller, degrees or mm. The motions of the contract checks exceed
+KUKA's default of 5.
 """
 OUTPUTS = {"gripper": 1, "lamp": 2}
 
@@ -29,7 +31,7 @@ OUTPUTS = {"gripper": 1, "lamp": 2}
 def controller_for(
     settings: Settings, limits: JointLimits, options: ControllerOptions, start: Array
 ) -> RsiController:
-    """Make the simulated controller that fits the backend's options."""
+    """Make a simulated controller that matches the backend's options."""
     own = settings.backend_options(RsiOptions) or RsiOptions()
     arm = ControllerArm(settings, limits, start)
     return RsiController(arm, layout_of(own, limits), np.array(own.limits_of(limits)), options)

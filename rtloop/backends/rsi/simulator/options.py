@@ -16,11 +16,11 @@ class ControllerOptions:
         relative: whether RSI_ON uses the relative mode instead of the absolute one.
         hold_on: whether the last correction stays at the output of ETHERNET if an answer is missing.
         timeout: number of late answers after which RSI ends.
-        in_a_row: whether only consecutive late answers count for `timeout`, instead of all since RSI_ON.
+        in_a_row: whether `timeout` applies to consecutive late answers instead of all since RSI_ON.
         operation_mode: T1, T2, AUT or EXT.
         override: program override, percent.
-        reports: whether the context reports mode, state, override and the sum of corrections. Contexts from
-            other sources do not.
+        reports: whether the context reports mode, state, override and the sum of corrections. Contexts that
+            cobot has not written do not.
     """
 
     period_ms: int = 4

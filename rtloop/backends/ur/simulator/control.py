@@ -1,4 +1,4 @@
-"""Control interface of a running simulated controller, for tests and people: one JSON object per line, over
+"""Control interface of a running simulated controller, for tests and users: one JSON object per line, over
 TCP.
 """
 
@@ -29,10 +29,10 @@ class UrControlRequest(StrictModel):
         delay_s: delay before the controller reads a command, s.
         spoil: how measured values are corrupted on their way to the client.
         safety: the safety mode.
-        blocked: the reason that answers an attempt to unlock a protective stop; "" if unlocking succeeds.
+        blocked: reason with which the controller refuses to unlock a protective stop; "" if it unlocks it.
         remote: whether Remote Control is selected.
-        program: how a person operates the program at the teach pendant.
-        power: how a person operates the arm at the teach pendant.
+        program: what a person does with the program at the teach pendant.
+        power: what a person does with the arm's power at the teach pendant.
         push: wrench of the surroundings at the TCP, N and N·m, base frame.
         inputs: digital inputs, as bits 0 to 17.
     """
@@ -76,10 +76,10 @@ class ControlSession:
             self.out += json.dumps(self.answer(line)).encode() + b"\n"
 
     def tick(self) -> None:
-        """Do nothing: this session only answers requests."""
+        """Do nothing, because this session only answers requests."""
 
     def close(self) -> None:
-        """Do nothing: requested changes stay in effect."""
+        """Do nothing, because requested changes stay in effect."""
 
     def answer(self, line: bytes) -> dict[str, Any]:
         """Execute the request in a line. Returns the state after it, or an error."""

@@ -1,6 +1,6 @@
 """A simulated controller: its modes, its arm, its inputs and outputs, and the program that runs on it.
 
-docs/ur.md states the simulated behaviour for which Universal Robots publishes no figures.
+docs/ur.md describes the simulated behaviour for which Universal Robots publishes no figures.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from rtloop.backends.ur.transport import UrTransport
 from rtloop.results import Rejected
 
 START_S = 0.1
-"""Time from `power on` until the arm is idle, and from then until its brakes are released, s."""
+"""Time from `power on` until the arm is idle, and from `brake release` until its brakes are released, s."""
 BRAKE_RAD_S2 = 15.0
 """Deceleration of stops that the controller itself executes, rad/s²."""
 CURRENT_NOISE_NM = 1e-3
@@ -99,7 +99,7 @@ class UrController:
     def is_running(self) -> bool:
         return self.runtime in (RuntimeState.PLAYING, RuntimeState.PAUSED)
 
-    # What a person, the dashboard and the safety system do
+    # Actions of a person, the dashboard and the safety system
 
     def power_on(self) -> None:
         if self.robot_mode == UrRobotMode.POWER_OFF:
@@ -117,7 +117,7 @@ class UrController:
             self._next_mode = (self.time_s + START_S, UrRobotMode.RUNNING)
 
     def unlock(self) -> str:
-        """Unlock a protective stop. Return "", or the reason if unlocking is impossible."""
+        """Unlock a protective stop. Returns "", or the reason if this is impossible."""
         if self.safety == SafetyMode.PROTECTIVE_STOP:
             if self.blocked:
                 return self.blocked
@@ -160,7 +160,7 @@ class UrController:
         return True
 
     def upload(self, text: str) -> None:
-        """Take a program from the primary, secondary or real-time interface."""
+        """Accept a program from the primary, secondary or real-time interface."""
         if not self.is_remote:
             self.events.append("a program was rejected: the controller is in Local Control")
             return
@@ -182,7 +182,7 @@ class UrController:
         self.program_name = script.name
         self.events.append(f"program {script.name} started")
 
-    # Its period
+    # Its control period
 
     def advance(self) -> None:
         """Run one control period."""
@@ -253,7 +253,7 @@ class UrController:
         self._check_free_motion("was moved by torques")
 
     def _check_free_motion(self, what: str) -> None:
-        """Take the measured motion as the current one, and stop it if it exceeds a limit."""
+        """Use the measured position and velocity as the current motion, and stop it if it exceeds a limit."""
         measured, limits = self.arm.measured, self.arm.limits
         self._velocity, self._acceleration = measured.velocity.copy(), np.zeros(AXES)
         past = np.maximum(limits.min_position - measured.position, measured.position - limits.max_position)
@@ -266,7 +266,7 @@ class UrController:
             self.set_safety(SafetyMode.PROTECTIVE_STOP, f"{name} {what} too fast")
 
     def _move(self, goal: Array | None) -> None:
-        """Follow a goal if the reflexes permit it, otherwise brake."""
+        """Move to a goal if the reflexes permit it; otherwise decelerate."""
         arm, period_s = self.arm, self.period_s
         if goal is not None:
             velocity = (goal - arm.setpoint) / period_s
@@ -309,7 +309,7 @@ class UrController:
         """Set an analog output of the controller.
 
         Args:
-            domain: 0 for a current, 1 for a voltage.
+            domain: 0 for current, 1 for voltage.
         """
         share = min(max(share, 0.0), 1.0) if math.isfinite(share) else 0.0
         self.analog_types = self.analog_types & ~(4 << index) | domain << 2 + index

@@ -1,4 +1,4 @@
-"""One client of a simulated controller's dashboard server. The answers are those that Universal Robots
+"""One client of a simulated controller's dashboard server. The answers are the ones that Universal Robots
 documents.
 """
 
@@ -36,10 +36,10 @@ class DashboardSession:
             self.out += f"{answer}\n".encode()
 
     def tick(self) -> None:
-        """Do nothing: this session only answers requests."""
+        """Do nothing, because this session only answers requests."""
 
     def close(self) -> None:
-        """Do nothing: this session leaves nothing in the controller."""
+        """Do nothing, because this session leaves nothing behind in the controller."""
 
     def _answer(self, line: str) -> str:
         controller, word = self._controller, line.lower()

@@ -24,7 +24,9 @@ MAX_NUMBERS = 30
 STOP_RAD_S2 = 15.0
 AT_REST_RAD_S = 1e-6
 DIGITAL = {"standard_": (0, 8), "configurable_": (8, 8), "tool_": (16, 2), "": (0, 18)}
-"""First bit and number of the digital inputs and outputs, by the kind in the names of their functions."""
+"""First bit and number of the digital inputs and outputs, by the kind that the names of their functions
+contain.
+"""
 
 
 class _Socket:
@@ -37,7 +39,7 @@ class _Socket:
 
 
 class ProgramContext:
-    """The commands from a program's functions.
+    """The commands that a program's functions give.
 
     Attributes:
         goal: joint position for this control period, shape (dof,), rad; None without a goal.
@@ -65,7 +67,7 @@ class ProgramContext:
         self._sockets.clear()
 
     def functions(self) -> dict[str, Callable[..., Any]]:
-        """The functions by their names; see `Script`."""
+        """Return the functions by name; see `Script`."""
         return self._of_arm() | self._of_program() | self._of_signals()
 
     def _of_arm(self) -> dict[str, Callable[..., Any]]:
@@ -148,7 +150,7 @@ class ProgramContext:
         lookahead_time: float = 0.1,
         gain: float = 300,
     ) -> Run:
-        """Reach a position in the time `t`. The simulated drives need neither the lookahead time nor the
+        """Move to a position in the time `t`. The simulated drives use neither the lookahead time nor the
         gain.
         """
         if len(q) != AXES or not 0.03 <= lookahead_time <= 0.2 or not 100 <= gain <= 2000:
@@ -240,9 +242,7 @@ class ProgramContext:
         return True
 
     def _read_integers(self, number: int, socket_name: str = "socket_0", timeout: float = OPEN_S) -> Run:
-        """Return a list with the number of values that were read, which is all or none, followed by the
-        values.
-        """
+        """Return a list with the number of values that were read (all or none), followed by the values."""
         if not 0 < number <= MAX_NUMBERS:
             raise ValueError(f"socket_read_binary_integer: 1 to {MAX_NUMBERS} numbers, got {number}")
         nothing = [0] + [-1] * number

@@ -28,7 +28,7 @@ from rtloop.backends.ur.transport import ByteListener, ByteStream
 from rtloop.contract import FAULTS
 
 SLIDER = 0.99
-"""Speed slider at the start. It is below 1 because the contract raises it by one per cent."""
+"""Speed slider at the start. It is below 1 so that the contract can raise it by one per cent."""
 HERE = "127.0.0.1"
 TORQUE_SOFTWARE = (5, 25, 1, 0)
 """Version of the simulated controller's software for a backend with the option `torque`."""
@@ -99,7 +99,7 @@ class _Listener:
 
 
 class UrLockStep:
-    """The `UrTransport` for the backend. Each wait runs the controller's next periods.
+    """The `UrTransport` for the backend. Each wait runs the controller's next control periods.
 
     Attributes:
         controller: the simulated controller.
@@ -155,7 +155,7 @@ class UrLockStep:
         return self._listener
 
     def call_back(self) -> ByteStream:
-        """Make the connection from a program on the controller to the backend."""
+        """Connect a program on the controller to the backend."""
         if self._listener is None or self._listener.is_closed:
             raise ConnectionRefusedError("nothing listens there")
         here, there = _pipe(self)
@@ -248,7 +248,7 @@ class _Later:
 
 
 def joined(settings: Settings, limits: JointLimits, options: UrControllerOptions | None = None) -> UrLockStep:
-    """Make a controller with the arm in the settings, and the connection to it."""
+    """Make a controller with the arm in the settings, and a connection to it."""
     names = settings.robot
     start = load_named_positions(names.srdf, limits.names, names.group)[names.start_position].joints
     arm = ControllerArm(settings, limits, np.array(start))

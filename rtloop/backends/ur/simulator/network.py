@@ -1,4 +1,4 @@
-"""A network that omits, delays or corrupts data packages. The same seed gives the same faults."""
+"""A network that omits, delays or corrupts data packages. The same seed causes the same faults."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ SPOILED = ("actual_q", "actual_qd", "target_moment", "actual_TCP_force", "actual
 class DataNetwork:
     """
     Attributes:
-        loss: share of the packages that the controller omits, as a busy one does.
+        loss: share of the packages that the controller omits, as a busy controller does.
         reorder: share of the packages that arrive after their successor, which never happens with TCP itself.
-        spoil: how the measured values are corrupted: "frozen", "nan", or "" for not at all.
+        spoil: how the measured values are corrupted: "frozen", "nan", or "" if they are not.
         lost: number of packages that were omitted.
     """
 

@@ -57,7 +57,7 @@ class PrimarySession:
             self.out += _package(_STATE, self._mode() + self._joints() + self._cartesian())
 
     def close(self) -> None:
-        """Do nothing: this session leaves nothing in the controller."""
+        """Do nothing, because this session leaves nothing behind in the controller."""
 
     def _message(self, kind: int, body: bytes) -> bytes:
         stamp = round(1e6 * self._controller.time_s)

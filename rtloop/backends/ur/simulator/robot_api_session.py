@@ -42,10 +42,10 @@ class RobotApiSession:
             self._send(400, {"message": "Bad Request"})
 
     def tick(self) -> None:
-        """Do nothing: this session only answers requests."""
+        """Do nothing, because this session only answers requests."""
 
     def close(self) -> None:
-        """Do nothing: this session leaves nothing in the controller."""
+        """Do nothing, because this session leaves nothing behind in the controller."""
 
     def _take_events(self) -> None:
         while (event := self._http.next_event()) not in (h11.NEED_DATA, h11.PAUSED):

@@ -56,7 +56,7 @@ class RtdeSession:
 
     def _send(self, values: Mapping[str, Any]) -> None:
         assert self._output is not None
-        if len(self.out) < MAX_OUT:  # a client that reads nothing misses packages
+        if len(self.out) < MAX_OUT:  # a client that does not read misses packages
             self.out += self._output.encode(values)
 
     def close(self) -> None:

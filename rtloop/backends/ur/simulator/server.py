@@ -29,9 +29,7 @@ MAX_CLIENTS = 16
 """Maximum number of clients per port. Further clients are rejected."""
 WAIT_S = 0.0002
 CATCH_UP_S = 0.05
-"""Maximum delay that the server catches up with, s. It skips the time of a longer delay, to avoid a burst of
-periods.
-"""
+"""Maximum delay that the server makes up for, s. After a longer one it skips periods, to avoid a burst."""
 
 
 class ProgramStream(TcpStream):
@@ -39,7 +37,7 @@ class ProgramStream(TcpStream):
 
     Attributes:
         commands: number of times that data was received.
-        arrived_s: time at which the data that is still to be read arrived; None if all data were read.
+        arrived_s: arrival time of the unread data; None if there is none.
         is_closed: whether the program has closed it.
     """
 
@@ -106,7 +104,7 @@ class UrServer:
     ) -> None:
         """
         Args:
-            patience_s: maximum time for which the controller's time stops to wait for a late command, s.
+            patience_s: maximum time for which the controller's clock stops to wait for a late command, s.
             robot_api_port: TCP port of the Robot API, for PolyScope X.
 
         Raises:
@@ -121,7 +119,7 @@ class UrServer:
         self._clients: list[_Client] = []
         self._times = ServerTimes()
         self._sent_s: float | None = None
-        self._missing = 0  # number of data packages after which no command arrived before the next one
+        self._missing = 0  # number of data packages without a command before the next package
         self._controller = make(self)
         controller = self._controller
         sessions: dict[int, Callable[[], UrSession]] = {
@@ -146,7 +144,7 @@ class UrServer:
                 f"a port of {address} cannot be used: {exc.strerror}; --address picks another"
             ) from exc
 
-    # As the `UrTransport` of programs
+    # Methods of `UrTransport`, for programs
 
     def connect(self, host: str, port: int) -> TcpStream:
         place = socket.getaddrinfo(host, port, socket.AF_INET, socket.SOCK_STREAM)[0][4]
@@ -160,7 +158,7 @@ class UrServer:
         raise OSError("a program on the simulated controller cannot listen on a port")
 
     def wait(self, streams: Sequence[Any], timeout_s: float) -> None:
-        """Programs wait for their next period."""
+        """No-op: programs wait for their next period."""
 
     # The server
 
@@ -193,8 +191,8 @@ class UrServer:
             self._sent_s = None
 
     def _needs_command(self) -> ProgramStream | None:
-        """The program that still needs a command for the newest data package. Before its first command, a
-        program waits.
+        """Return the program that still needs a command for the newest data package. Before its first
+        command, a program needs none.
         """
         program = self._program
         if self.silent or self._sent_s is None or program is None or program.is_closed:
@@ -308,9 +306,9 @@ class UrServer:
         client.socket.close()
 
     def _more(self, request: UrControlRequest) -> dict[str, Any]:
-        """Apply the changes that concern the server. Returns the times from a data package to the command
-        after it and the server's period delays, s, the number of packages without a command in time, and the
-        number of clients.
+        """Apply the changes to the server. Returns the times from a data package to the next command and the
+        delays of the server's periods, s, the number of packages without a command in time, and the number of
+        clients.
         """
         if request.silent is not None:
             self.silent = request.silent

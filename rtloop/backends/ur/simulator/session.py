@@ -1,5 +1,5 @@
-"""The interface of a session with one client of a simulated controller: it takes received bytes and provides
-bytes to send.
+"""The interface of a session with one client of a simulated controller: it processes received bytes and
+provides bytes to send.
 """
 
 from __future__ import annotations

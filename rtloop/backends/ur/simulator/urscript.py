@@ -1,5 +1,4 @@
-"""A small URScript interpreter. It supports the parts of the language that client programs for external
-control use.
+"""A small URScript interpreter. It supports the parts of the language that external-control programs use.
 
 It supports blocks (def, thread, sec, if, elif, else, while, end), assignments (also global and local),
 return, break, continue, halt, run, join, kill, critical sections, arithmetic, comparisons, lists, poses as
@@ -18,8 +17,8 @@ from inspect import isgeneratorfunction
 from typing import Any
 
 MAX_STEPS = 20_000
-"""Maximum number of statements that a thread executes within one control period. A thread that exceeds it is
-in an endless loop without a wait.
+"""Maximum number of statements that a thread executes within one control period. A thread that exceeds it
+must be in an endless loop without a wait.
 """
 MAX_DEPTH = 50
 Run = Generator[None, None, Any]
@@ -55,8 +54,8 @@ def _bare(line: str) -> str:
 
 
 def _python(text: str) -> str:
-    """Translate the blocks and statements line by line to text that Python's parser reads. The text is never
-    run as Python.
+    """Translate the blocks and statements line by line to text for Python's parser. The text is never run as
+    Python.
     """
     lines, depth = [], 0
     for number, line in enumerate(text.splitlines(), 1):
@@ -144,13 +143,13 @@ class Script:
     Attributes:
         name: program name.
         is_secondary: whether it runs in addition to the main program.
-        line: number of the line that runs now or has failed.
+        line: number of the line that is running or has failed.
     """
 
     def __init__(self, text: str, functions: Mapping[str, Callable[..., Any]]) -> None:
         """
         Args:
-            functions: the functions of the language by name. Those that take time are generator functions.
+            functions: the functions of the language by name. Functions that take time are generators.
 
         Raises:
             ScriptError: the text is not a valid program.
@@ -203,7 +202,7 @@ class Script:
         Raises:
             ScriptError: a statement has failed.
         """
-        for thread in self._threads:  # which grows while threads are started
+        for thread in self._threads:  # the list grows when threads are started
             self._current = thread
             thread.steps = 0
             try:
@@ -216,7 +215,7 @@ class Script:
         self._threads = [each for each in self._threads if each is main or not each.is_done]
         return not main.is_done
 
-    # Statements. Those that cannot wait are evaluated directly, all others as generators.
+    # Statements. Those that cannot wait are evaluated directly, the others as generators.
 
     def _guard(self, block: Run) -> Run:
         try:
