@@ -1,7 +1,8 @@
 """How long the service takes to lead a running motion around an object that appears in its path.
 
 From the client's call that adds the object until it has the answer, and until the real-time loop has accepted
-the new path. `planning.replan_within_s` is 0.2 here, ten times the usual time, so that slow cases are measured too.
+the new path. `planning.replan_within_s` is 0.2 here, ten times the usual time, so that slow cases are
+measured too.
 """
 
 from __future__ import annotations

@@ -24,10 +24,10 @@ from cobot.types import PlannerName, Scaling
 COLUMNS = ("p50", "p95", "max")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Results:
     """Times in ms of each problem: of its whole plan, its shortened path, and RRT-Connect alone; lengths,
-    rad; durations, s."""
+    rad; durations, s. `at_margin` counts the problems whose goals do not keep the margin."""
 
     plan_ms: list[float]
     path_ms: list[float]
@@ -35,6 +35,7 @@ class Results:
     lengths: list[float]
     durations: list[float]
     failures: list[str]
+    at_margin: int = 0
 
 
 def problem_sets(every: int) -> Iterator[Row]:
@@ -82,10 +83,11 @@ def _rows(arm: str, found: Results) -> Iterator[Row]:
         columns=COLUMNS,
         aim="0.5 ms at p50",
     )
+    accepted = count - found.at_margin
     yield row(
-        f"MotionBenchMaker, {arm}: solved",
+        f"MotionBenchMaker, {arm}: solved, of the {accepted} problems whose ends keep the margin",
         "%",
-        (100.0 * len(found.plan_ms) / count,),
+        (100.0 * len(found.plan_ms) / accepted,),
         "all",
         (100.0,),
         columns=("solved",),
@@ -106,6 +108,7 @@ def measure(robot: RobotDescription, problems: Iterable[Problem]) -> Results:
             motion = plan(there, request)
         except CobotError as exc:
             found.failures.append(f"{problem.name}: {exc}")
+            found.at_margin += not there.collision.is_free(problem.goal)
             continue
         found.plan_ms.append((time.process_time_ns() - begun_ns) / 1e6)
         found.durations.append(0.0 if motion is None else motion.duration_s)
