@@ -40,7 +40,7 @@ def result_of(check: str, run: Callable[[], str], problem: type[Exception]) -> C
 
     Args:
         run: executes the check and returns the finding.
-        problem: exception class, in addition to cobot's own, whose text is for people.
+        problem: exception class, in addition to cobot's own, whose message can be shown to users.
     """
     try:
         return CheckResult(check, CheckVerdict.PASSED, run())

@@ -46,7 +46,7 @@ class Remedy:
 
     Attributes:
         change: changed fields of `cobot.motions.requests.MotionRequest`.
-        says: the change as a sentence for people.
+        says: the change as a human-readable sentence.
         duration_s: duration of the changed motion.
     """
 
@@ -62,7 +62,7 @@ class Failure:
 
     Attributes:
         count: number of changes that were tried.
-        says, why: the first of these changes and its result, as sentences for people.
+        says, why: the first of these changes and its result, as human-readable sentences.
     """
 
     kind: Kind

@@ -17,7 +17,7 @@ def below(folder: Path, name: str, field: str, folder_name: str) -> Path:
     Args:
         folder: the folder, whose path has been resolved.
         field: field of the request that contains the name, for the error.
-        folder_name: folder name for people.
+        folder_name: name of the folder, for the error.
 
     Raises:
         InputError: the name is invalid, or leads out of the folder.

@@ -1,6 +1,6 @@
-"""Makes texts, iterators and numbers from devices, files and programs safe to store, print and send.
+"""Makes strings, iterators and numbers from devices, files and programs safe to store, print and send.
 
-An object's `str()` may raise an error or return an object of a different type. A text may be a megabyte of
+An object's `str()` may raise an error or return an object of a different type. A string may be a megabyte of
 escape sequences, an iterator may never end, and a number may have 300 digits.
 """
 
@@ -67,7 +67,7 @@ def bounded(items: Iterable[Any], most: int, what: str) -> tuple[Any, ...]:
 
 
 def cut(value: Any, max_characters: int, max_items: int) -> Any:
-    """A JSON value whose long texts and lists are truncated, at any depth."""
+    """A JSON value whose long strings and lists are truncated, at any depth."""
     if isinstance(value, str):
         return value[:max_characters]
     if isinstance(value, list | tuple):

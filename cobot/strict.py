@@ -17,7 +17,7 @@ from pydantic.fields import FieldInfo
 
 SHOWN_CHARACTERS = 80
 LONG_CHARACTERS = 40
-"""If a text is longer than this, an error gives its length, because people cannot see the length at a
+"""If a string is longer than this, an error gives its length, because people cannot see the length at a
 glance.
 """
 SHOWN_ERRORS = 10

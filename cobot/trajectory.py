@@ -75,7 +75,8 @@ class Trajectory:
         breakpoints_s: times, strictly increasing from 0, shape (n+1,).
         coefficients: polynomials in the time since the start of each segment, in ascending powers, shape (n,
             dof, 6); rad, rad/s and so on.
-        note: sentence for people about the differences from the request; "" if the motion is as requested.
+        note: human-readable sentence about the differences from the request; "" if the motion is as
+            requested.
         changes: the differences as numbers, for a motion through timed points.
         notices: the differences of a planned motion, in the same order as in `note`.
 

@@ -135,10 +135,9 @@ class JointLimits:
         return "rad, of slides m" if any(self.slides) else "rad"
 
     def take_over(self, other: JointLimits) -> None:
-        """Copy the limits of another object for the same joints into this one. All users of this object then
-        have the new limits.
+        """Copy the limits of another object for the same joints into this one.
 
-        All users of this object see them at once.
+        All users of this object then have the new limits.
         """
         for quantity in self.QUANTITIES:
             mine = getattr(self, quantity)
@@ -203,7 +202,7 @@ class NamedPosition:
     """A `group_state` of the SRDF, with joint angles in rad in the order of the joint limits.
 
     Attributes:
-        label: name for people, in any language; "" if `name` is also the name for people.
+        label: display name, in any language; "" if `name` is also the display name.
     """
 
     name: str
@@ -214,8 +213,8 @@ class NamedPosition:
 
 
 PLANNED_JERK = 0.8
-"""Maximum share of the jerk limits in planned motions. A stop on the path adds jerk, and can start at once
-only if the motion leaves a margin.
+"""Maximum share of the jerk limits in planned motions. A stop on the path adds jerk, and can start
+immediately only if the motion leaves a margin.
 """
 PLANNED_ACCELERATION = 0.95
 """Maximum share of the acceleration limits in motions that are time-parameterized along a path. Such a motion

@@ -19,7 +19,7 @@ from cobot.config import FleetSection, RosSection, WebSection
 from cobot.errors import ConfigError
 
 LOOK_AGAIN_S = 0.5
-"""Longest delay until a revoked token is rejected, in seconds. A new token is valid at once."""
+"""Longest delay until a revoked token is rejected, in seconds. A new token is valid immediately."""
 ROS_TOKEN_VARIABLE = "COBOT_ROS_TOKEN"
 """Environment variable with the token of the DDS process. It is set for the service and for the DDS
 process.
@@ -87,7 +87,7 @@ def panel_token(fleet_token: str, role: Role) -> str:
 
 
 def ros_access(ros: RosSection, web: WebSection) -> str:
-    """A sentence for people that describes what DDS participants may do."""
+    """A sentence that describes for users what DDS participants may do."""
     if not ros.enabled:
         return "no ROS 2"
     access = _access_of_ros(ros, web)

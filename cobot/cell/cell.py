@@ -290,10 +290,10 @@ ExampleLabel = Annotated[str, Field(min_length=1, max_length=100)]
 
 
 class ExampleProgram(NamedTuple):
-    """A program that comes with the cell, for people to run and to copy.
+    """A program that comes with the cell, for users to run and to copy.
 
     Attributes:
-        label: name for people.
+        label: display name.
         file: path relative to the cell file's folder.
         text: content of the sequence file or the Lua program.
     """

@@ -203,7 +203,7 @@ def check_start(plant: Plant, joints: Array) -> None:
 
 
 def check_cell(robot: RobotDescription, settings: Settings) -> str:
-    """Check that the cell in the settings can be simulated. Returns a text that describes the cell.
+    """Check that the cell in the settings can be simulated. Returns a description of the cell.
 
     Raises:
         ConfigError, CollisionError: the cell cannot be simulated; the message gives the file and the reason.

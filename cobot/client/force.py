@@ -15,7 +15,7 @@ class ForceMoves(Moves):
     Their arguments are the fields of POST /robot/force/...: `direction`, `frame`, `force`, `max_force`,
     `speed`, `max_distance`, `max_time_s`, `retract`, `if_not_met`, and the fields of each motion. They return
     when the arm has stopped. The answer contains `stopped_by` and `contact`. With `wait=False`, they return a
-    `JobHandle` at once.
+    `JobHandle` immediately.
     """
 
     def press(self, force: float, *, wait: bool = True, **how: Any) -> Json | JobHandle:

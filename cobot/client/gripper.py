@@ -15,8 +15,8 @@ class GripperCommands:
     """The commands for the gripper of one robot, which a client provides as `gripper`.
 
     Commands return when the fingers have finished, with the gripper's state and `held`; with `wait=False`
-    they return a `JobHandle` at once. A new command replaces a running one. Widths are in m, speeds in m/s,
-    forces in N. The gripper defines the defaults of optional values.
+    they return a `JobHandle` immediately. A new command replaces a running one. Widths are in m, speeds in
+    m/s, forces in N. The gripper defines the defaults of optional values.
     """
 
     def __init__(self, client: Moves) -> None:

@@ -130,7 +130,7 @@ class Jobs(Connection):
 
     def _motion(self, path: str, body: Json, wait: bool) -> Json | JobHandle:
         """Send a motion. Returns the answer when the goal is reached. If `wait` is false, returns the handle
-        of the job at once.
+        of the job immediately.
         """
         if wait:
             return self._post_motion(path, body)

@@ -1,5 +1,5 @@
 """The motions of the REST client. Each method returns when the goal is reached. With `wait=False`, it returns
-the handle of its job at once.
+the handle of its job immediately.
 """
 
 from __future__ import annotations

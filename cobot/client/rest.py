@@ -36,7 +36,7 @@ class Client(ForceMoves, Steps, EventConnection):
     Args:
         url: service URL, for its default robot, or of one of its robots: http://HOST:PORT/robots/NAME.
         robot: robot name, if it is not the default one.
-        timeout_s: timeout for all requests that are answered at once.
+        timeout_s: timeout for all requests that are answered immediately.
         motion_timeout_s: timeout for motions, which are answered when they end. It is longer than the
             service's own timeouts. Some answers take longer: see `cobot.client.connection.LONG_TIMEOUTS_S`.
         token: access token, made with `cobot token create`, if the service requires one; by default
@@ -286,7 +286,7 @@ class Client(ForceMoves, Steps, EventConnection):
         return self._json("POST", self._of_service("/access/tokens"), json=body)
 
     def delete_access_token(self, name: str, own: bool = False) -> Json:
-        """Delete an access token. It becomes invalid at once.
+        """Delete an access token. It becomes invalid immediately.
 
         Args:
             own: delete it even if it is the token of this client.
@@ -350,7 +350,7 @@ class Client(ForceMoves, Steps, EventConnection):
 
         Args:
             program: id of the program: a-z, 0-9, _ and -.
-            label: program name for people, in any language.
+            label: display name of the program, in any language.
             text: the sequence file, as text or as a dictionary; or the Lua program.
             kind: "sequence" or "lua".
             base: number of the version that this one is based on; None for a new program.

@@ -1,4 +1,4 @@
-"""The actions of the commands. Errors are reported with the service's texts."""
+"""The actions of the commands. Errors are reported with the service's messages."""
 
 from __future__ import annotations
 

@@ -112,7 +112,7 @@ def add_parsers(commands: Commands) -> None:
         "id", nargs="?", metavar="ID", help="ID of a program; required for all actions except list"
     )
     program.add_argument("file", nargs="?", type=Path, metavar="FILE", help="save: a .json or .lua file")
-    program.add_argument("--label", metavar="TEXT", help="save: the name for people (default: the ID)")
+    program.add_argument("--label", metavar="TEXT", help="save: the display name (default: the ID)")
     program.add_argument(
         "--base",
         type=_count,

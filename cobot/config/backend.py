@@ -55,7 +55,7 @@ def _section(value: object, info: ValidationInfo, what: str) -> object:
     nameless = [key for key in content if not isinstance(key, str)]
     if nameless:
         raise ValueError(
-            f"the key {shown(nameless[0])} is not a text: the name of an option of the {what} must be a text"
+            f"the key {shown(nameless[0])} is not a string: the names of the {what}'s options must be strings"
         )
     options = {key: each for key, each in content.items() if key not in ("type", "folder")}
     folder = resolve(str(content.get("folder", ".")), (info.context or {})["folder"])

@@ -40,7 +40,7 @@ def _an_ipv4_address(value: str) -> str:
 
 
 def _matching(pattern: str, what: str) -> AfterValidator:
-    """Require a text that matches a pattern. `what` completes the sentence of the error, with an example."""
+    """Require text that matches a pattern. `what` completes the sentence of the error, with an example."""
 
     def check(value: str) -> str:
         if not re.fullmatch(pattern, value):

@@ -69,7 +69,7 @@ position.
 """
 REJECTED = 1
 MAX_TEXT, MAX_LISTED = 500, 24
-"""Maximum length of texts and lists in the facts. The driver and the network define their real sizes."""
+"""Maximum length of strings and lists in the facts. The driver and the network define their real sizes."""
 ALL: Message = {"uuid": base64.b64encode(bytes(16)).decode()}
 """A request to cancel with this id and time stamp 0 cancels all goals."""
 LINE_BYTES = 1 << 16

@@ -99,7 +99,7 @@ class _Cdr:
         return count
 
     def text(self) -> str:
-        """Read a text, which follows its length."""
+        """Read a string, which follows its length."""
         (found,) = self._values(f"{self.count()}s")
         return str(found.rstrip(b"\0"), "utf-8")
 

@@ -30,7 +30,7 @@ class _Queue:
 
 
 class Outgoing:
-    """Queues of texts, one for each sender."""
+    """Queues of messages, one for each sender."""
 
     def __init__(self) -> None:
         self._queues: dict[str, _Queue] = {}
@@ -38,7 +38,7 @@ class Outgoing:
         self._characters = 0
 
     def put(self, sender: str, text: str) -> bool:
-        """Queue a text. Returns whether there was enough space."""
+        """Queue a message. Returns whether there was enough space."""
         queue = self._queues.get(sender, _Queue())
         free = MAX_CHARACTERS - self._characters
         if len(queue.texts) >= MAX_MESSAGES or queue.characters + len(text) > SHARE * free:

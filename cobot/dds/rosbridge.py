@@ -2,8 +2,8 @@
 
 Messages of a topic keep their order; topics and services take turns, so that one topic cannot delay the
 others. A message that is too large for the service is rejected here, because a frame that is too large closes
-the connection for all clients. A call that is not rejected at once ends when its answer arrives or when the
-connection is lost.
+the connection for all clients. A call that is not rejected immediately ends when its answer arrives or when
+the connection is lost.
 """
 
 from __future__ import annotations

@@ -39,8 +39,8 @@ def list_robots(chosen: argparse.Namespace) -> int:
 
 
 def tell(line: str) -> None:
-    """Print a line that contains texts from cells. These texts can neither move the cursor nor look like a
-    different line.
+    """Print a line that contains text from cells. This text can neither move the cursor nor look like another
+    line.
     """
     print(plain_text(line, MAX_LINE), flush=True)
 

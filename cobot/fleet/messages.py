@@ -38,7 +38,7 @@ StateWord = Literal["ready", "moving", "paused", "stopping", "estop", "fault", "
 
 
 class FleetProgram(StrictModel):
-    """A stored program of a cell: its id, its name for people, and its latest version."""
+    """A stored program of a cell: its id, its display name, and its latest version."""
 
     id: Text
     label: Text

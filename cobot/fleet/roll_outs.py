@@ -49,7 +49,7 @@ class RollOut:
         state: for example `refused`, which means that nothing has changed anywhere, or `failed`, when `done`
             lists the robots in which the bundle is still active.
         done: the robots in which the bundle is active.
-        lines: progress as text for people.
+        lines: progress as human-readable text.
     """
 
     id: str

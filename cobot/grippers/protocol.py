@@ -89,7 +89,7 @@ class GripperCapabilities:
 
     @property
     def words(self) -> str:
-        """The capabilities as text for people."""
+        """The capabilities as human-readable text."""
         force = "a fixed force" if self.force_n is None else f"{self.force_n[0]:g} to {self.force_n[1]:g} N"
         detects = "detects objects" if self.object_detection else "does not detect objects"
         if self.width_m is None:
@@ -112,7 +112,7 @@ class GripperState:
         moving: whether a command is running. It must be true as soon as the command has returned.
         object: how the fingers hold an object; None if the gripper does not detect objects.
         temperature: temperature, °C.
-        fault: the fault of the device, as a text; "" for none.
+        fault: the fault of the device, as text; "" for none.
         ages_s: additional age of values that are older than the state, by name, s.
     """
 

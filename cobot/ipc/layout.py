@@ -115,7 +115,7 @@ class Stream(IntEnum):
 class Interpolation(IntEnum):
     """How rtloop interpolates between streamed targets."""
 
-    NONE = 0  # to the target at once, as fast as the limits permit
+    NONE = 0  # to the target immediately, as fast as the limits permit
     LINEAR = 1  # at constant velocity, within one command period
     QUINTIC = 2  # with continuous velocity and acceleration, within one command period
     RUCKIG = 3  # re-planned in every cycle, jerk-limited
@@ -125,7 +125,7 @@ class ServoMode(IntEnum):
     """How rtloop follows the points of a servo session. The vendor's manual defines the numbers."""
 
     NONE = 0  # there is no servo session
-    REPLANNED = 1  # to the newest point at once, jerk-limited
+    REPLANNED = 1  # to the newest point immediately, jerk-limited
     DIRECT = 2  # the newest point is the reference
     BUFFERED = 3  # one point after the other, each in its own time
     BUFFERED_1MS = 4  # one point per millisecond

@@ -33,7 +33,7 @@ class StateField:
     Attributes:
         name: name of the field in shared memory, in JSON and in recordings.
         kind: numpy's type in shared memory: "u8", "i8", "f8", or `TEXT`.
-        unit: unit; "" for counts, flags and texts. For a field with a value per joint, the units for a rotary
+        unit: unit; "" for counts, flags and text. For a field with a value per joint, the units for a rotary
             joint and for a linear joint.
         meaning: a phrase for the documents and the JSON schema, with the frame of a vector.
         length: number of values; 0 for a single number or text; or `PER_JOINT`.

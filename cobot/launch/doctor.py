@@ -81,7 +81,7 @@ class Machine:
             return ""
 
     def each(self, folder: str, pattern: str) -> list[str]:
-        """The texts of all files that match."""
+        """The contents of all files that match."""
         files = sorted(self.path(folder).glob(pattern))
         return [file.read_text(encoding="utf-8", errors="replace").strip() for file in files]
 

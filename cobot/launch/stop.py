@@ -40,7 +40,7 @@ class StopRequest:
 
     Attributes:
         count: the counter that rtloop reports once it has noticed the stop.
-        moving: the motion that the stop ends, as text for people; "" if no motion was running.
+        moving: the motion that the stop ends, as human-readable text; "" if no motion was running.
         followed: number of the service's heartbeat after which the service has handled the stop.
         followed_s: time until which to wait for that heartbeat. The wait is limited because the service may
             not be running.
@@ -180,7 +180,7 @@ def _state(memory: RobotMemory) -> np.ndarray | None:
 
 
 def _moving(state: np.ndarray) -> str:
-    """The current motion of the arm as text for people; "" if the arm is at rest."""
+    """The current motion of the arm as human-readable text; "" if the arm is at rest."""
     if int(state["session"]):
         return f"session {int(state['session'])}"
     if LoopMode(int(state["mode"])) not in RESTING or int(state["motion_result"]) == MotionResult.RUNNING:

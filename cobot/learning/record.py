@@ -30,7 +30,7 @@ def record(
     ended: Callable[[], bool] = lambda: False,
     clock: Clock = SYSTEM,
 ) -> int:
-    """Write the arm's states and commands to a file, until the time is over or `ended` returns True.
+    """Write the arm's states and commands to a file, until the time has elapsed or `ended` returns True.
 
     The action of a frame is the joint position that the real-time loop commanded at the time of the frame.
     With a gripper, the commanded width is also recorded, in the gripper topic.

@@ -137,7 +137,7 @@ class Line:
         return RECORD_SEPARATOR + self.json()
 
     def text(self, *, timed: bool = True) -> bytes:
-        """The line as text for people. Lines begin in the first column; tracebacks are indented.
+        """The line as human-readable text. Lines begin in the first column; tracebacks are indented.
 
         Args:
             timed: whether the text contains a time and a level. On a terminal, the supervisor's lines contain

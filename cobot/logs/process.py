@@ -113,7 +113,7 @@ def start_logging(process: str, settings: LoggingSection | None = None) -> None:
     """Let a thread write all log lines and printed text of this process. Call it once, early.
 
     Args:
-        process: process name, for people.
+        process: display name of the process.
         settings: the settings, or None if they are not known yet. A later call with settings sets the level.
     """
     root = logging.getLogger()

@@ -116,7 +116,7 @@ class GripperRequest:
 
     @property
     def words(self) -> str:
-        """The command as text for people."""
+        """The command as human-readable text."""
         given = self.command.model_dump(exclude_defaults=True)
         values = [f"{name} {shown(value)} {UNITS.get(name, '')}".rstrip() for name, value in given.items()]
         return ", ".join([f"gripper {self.name}", *values])

@@ -153,7 +153,7 @@ def users_of(field: str) -> str:
 
 
 def in_words(names: Iterable[str], conjunction: str = "and") -> str:
-    """The names as a list for people: "lin, circ and polyline"."""
+    """The names as a list in a sentence: "lin, circ and polyline"."""
     *others, last = names
     return f"{', '.join(others)} {conjunction} {last}" if others else str(last)
 

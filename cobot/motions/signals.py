@@ -59,7 +59,7 @@ class Action:
 
     @property
     def words(self) -> str:
-        """The action as text for people."""
+        """The action as human-readable text."""
         if self.output:
             return f"set {self.output} to {self.value:g}"
         return f"gripper {self.gripper['command']}" if self.gripper else f"event {self.event!r}"
@@ -103,7 +103,7 @@ class Condition:
 
     @property
     def words(self) -> str:
-        """The condition as text for people."""
+        """The condition as human-readable text."""
         if self.quantity is Quantity.INPUT:
             where, unit = f"input {self.name}", ""
         elif self.quantity is Quantity.JOINT:
@@ -202,7 +202,7 @@ class Placed:
 
     @property
     def words(self) -> Iterator[str]:
-        """All actions and conditions as text for people, one sentence each."""
+        """All actions and conditions as human-readable text, one sentence each."""
         for name, condition in (("start_when", self.start_when), ("pause_while", self.pause_while)):
             if condition is not None:
                 yield f"{name}: {condition.words}"

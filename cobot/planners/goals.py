@@ -48,7 +48,7 @@ def more_goals(robot: RobotDescription, request: MotionRequest, number: int) -> 
     returns more.
 
     An arm with more joints than the pose needs has infinitely many configurations at it, and possibly no
-    collision-free path leads to the known ones.
+    collision-free path to the known ones.
     """
     assert isinstance(request.goal, Pose)
     seed = request.seed + 1009 * number

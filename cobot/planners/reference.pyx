@@ -156,8 +156,8 @@ cdef double _speeding_up(const double* first, const double* speed, int points, i
 
 
 cdef class _Motion:
-    """A motion with piecewise constant acceleration: time, way, speed, and the integral of the way at each
-    point."""
+    """A motion with piecewise constant acceleration: time, way (the distance along the path), speed, and the
+    integral of the way at each point."""
 
     cdef int last
     cdef double length, end

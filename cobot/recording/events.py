@@ -35,7 +35,7 @@ class RunEvent:
     Attributes:
         kind: one of `EVENT_KINDS`.
         mode: mode of the robot since this event.
-        text: description for people, which gives the reason, the number or the result.
+        text: human-readable description, which gives the reason, the number or the result.
     """
 
     cycle: int

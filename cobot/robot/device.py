@@ -19,8 +19,8 @@ LESS = "the device permits less than the model"
 ANY_PERIOD: tuple[float, ...] = ()
 FLAGS = ("impedance", "torque", "wrench", "freedrive", "brakes", "payload", "io", "trajectories")
 STOP_CATEGORIES = (0, 1, 2)
-"""Stop categories of IEC 60204-1. 0 removes power at once. 1 removes power after the arm has stopped. 2 keeps
-the power on after the stop.
+"""Stop categories of IEC 60204-1. 0 removes power immediately. 1 removes power after the arm has stopped. 2
+keeps the power on after the stop.
 """
 
 
@@ -87,7 +87,7 @@ class Capabilities:
         """The reason why a request is rejected for lack of a capability; "" if the device has it.
 
         Args:
-            backend: device name, for people.
+            backend: display name of the device.
             what: the request, as the beginning of a sentence.
             names: names from `FLAGS`; the device needs only one of these capabilities.
         """
@@ -117,7 +117,7 @@ class Capabilities:
 
     @property
     def words(self) -> str:
-        """The capabilities in one line, for people."""
+        """The capabilities as human-readable text, in one line."""
         periods = ", ".join(f"{1e3 * each:g}" for each in self.periods_s)
         kind = "hardware" if self.hardware else "simulation"
         stops = ", ".join(

@@ -74,7 +74,7 @@ def io_points(reported: Iterable[object]) -> tuple[IoPoint, ...]:
         name = point.name
         if type(name) is not str or not 0 < len(name) <= MAX_POINT_NAME or not name.isprintable():
             raise InputError(
-                f"the name of an input or output is '{plain_text(name, 80)}'; it must be a text of 1 to "
+                f"the name of an input or output is '{plain_text(name, 80)}'; it must be a string of 1 to "
                 f"{MAX_POINT_NAME} printable characters"
             )
     return points

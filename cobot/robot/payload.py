@@ -1,7 +1,7 @@
 """Adds the mass of a tool to the body that carries the TCP, in the memory of MuJoCo's model.
 
-All users of the model see the change at once, because no memory is allocated. A simulation continues with the
-same data. The mass becomes part of the body's inertia by the parallel axis theorem (Siciliano, Sciavicco,
+All users of the model see the change immediately, because no memory is allocated. A simulation continues with
+the same data. The mass becomes part of the body's inertia by the parallel axis theorem (Siciliano, Sciavicco,
 Villani, Oriolo, "Robotics", 2009, equation B.61).
 """
 

@@ -44,7 +44,7 @@ class SceneObject:
     Attributes:
         size: dimensions, m. Box: edges along x, y and z. Sphere: radius. Cylinder and capsule, which lie
             along z: radius and length; the length of a capsule excludes its round ends. All others: edges of
-            the bounding box, for people.
+            the bounding box, for display.
         pose: pose of the object's centre, in the base frame, or in the TCP's frame if it is attached.
         touch: bodies and objects that the object may touch while it is attached.
         mass: mass, kg. The arm carries it only while the object is attached.

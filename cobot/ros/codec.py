@@ -71,8 +71,8 @@ class FieldCodec(Protocol):
 
 
 class Scalar:
-    """A field with a number, a text or a boolean. `bound` is the maximum length of a text in bytes; 0 means
-    any length.
+    """A field with a number, a string or a boolean. `bound` is the maximum length of a string in bytes; 0
+    means any length.
     """
 
     def __init__(self, name: str, bound: int = 0, default: Any = None) -> None:
@@ -115,7 +115,7 @@ class Scalar:
 
     def _text(self, value: Any, path: str) -> str:
         if not isinstance(value, str):
-            raise InputError(f"{path}: must be a text, got {shown(value)}")
+            raise InputError(f"{path}: must be a string, got {shown(value)}")
         if self._bound or not value.isascii():
             try:
                 length = len(value.encode())

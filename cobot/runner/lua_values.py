@@ -58,7 +58,7 @@ def numbers(value: object, name: str, count: int | None = None) -> list[float]:
 
 
 def plain(value: Any, name: str) -> Any:
-    """Convert a Lua value to JSON. A table with the keys 1 to n becomes a list, and a table with texts as
+    """Convert a Lua value to JSON. A table with the keys 1 to n becomes a list, and a table with strings as
     keys becomes a dictionary.
 
     Raises:
@@ -83,7 +83,7 @@ def _plain(value: Any, name: str, depth: int, room: list[int]) -> Any:
     if all(isinstance(key, bytes) for key in items) and items:
         return {text(key, name): _plain(item, name, depth - 1, room) for key, item in items.items()}
     if not all(type(key) is int for key in items) or set(items) != set(range(1, len(items) + 1)):
-        raise InputError(f"{name} must have either the keys 1, 2, 3 ... or texts as keys")
+        raise InputError(f"{name} must have either the keys 1, 2, 3 ... or strings as keys")
     return [_plain(items[index], name, depth - 1, room) for index in range(1, len(items) + 1)]
 
 

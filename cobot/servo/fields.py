@@ -91,7 +91,7 @@ def within(value: float, longest: float, name: str) -> float:
 
 
 def shown(value: object) -> str:
-    """A short text for a value of any size, for people."""
+    """A short readable text for a value of any size."""
     if isinstance(value, list | dict):
         return f"{'a list' if isinstance(value, list) else 'an object'} of {len(value)}"
     if isinstance(value, int) and abs(value) > MAX_INTEGER:

@@ -42,7 +42,9 @@ def _typed(name: str, values: Column, tasks: int) -> Column:
     if values.dtype.kind == "U":
         return values
     if values.dtype.kind not in KINDS:
-        raise InputError(f"result {name!r}: is {values.dtype}; it must be a number, true or false, or a text")
+        raise InputError(
+            f"result {name!r}: is {values.dtype}; it must be a number, true or false, or a string"
+        )
     return values.astype(KINDS[values.dtype.kind])
 
 
@@ -76,7 +78,7 @@ def joined(parts: Sequence[Columns]) -> dict[str, Column]:
     for name in names:
         texts = {part[name].dtype.kind == "U" for part in parts if name in part}
         if len(texts) > 1:
-            raise InputError(f"result {name!r}: is a text in some tasks and a number in others")
+            raise InputError(f"result {name!r}: is a string in some tasks and a number in others")
     return {name: np.concatenate([_column(part, name, parts) for part in parts]) for name in names}
 
 

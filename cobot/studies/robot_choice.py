@@ -163,7 +163,7 @@ class RobotChoice(StrictModel):
 
 
 def hashes_of(robot: RobotDescription) -> dict[str, str]:
-    """Hashes of a robot's content, by names for people. The paths of its files do not matter."""
+    """Hashes of a robot's content, by readable names. The paths of its files do not matter."""
     limits = robot.limits
     rates = (limits.max_velocity, limits.max_acceleration, limits.max_jerk, limits.max_effort)
     ranges = (limits.min_position, limits.max_position)

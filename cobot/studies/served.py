@@ -279,7 +279,7 @@ class _Watch:
         self.next_s = now_s + REPORT_S
         _tell(done=advance.done, rate_hz=advance.rate_hz, left_s=advance.left_s)
         if now_s - self.begin_s > self.request.max_s:
-            self._end(f"the time of {self.request.max_s:g} s is over (max_s)")
+            self._end(f"the time limit of {self.request.max_s:g} s was reached (max_s)")
         elif now_s >= self.next_partial_s:
             self._report_answer()
             self.next_partial_s = time.monotonic() + max(PARTIAL_S, PARTIAL_REST * (time.monotonic() - now_s))

@@ -32,7 +32,7 @@ t  base or tool       q  end              release all keys: the arm stops"""
 class Keyboard:
     """
     Args:
-        descriptor: descriptor of the terminal. The terminal passes on each key at once, until `close`.
+        descriptor: descriptor of the terminal. The terminal passes on each key immediately, until `close`.
 
     Raises (constructor):
         InputError: the descriptor is not a terminal.

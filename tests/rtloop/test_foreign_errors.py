@@ -244,11 +244,11 @@ def test_words_of_the_device_are_made_printable(settings: Settings, robot: Robot
         ("status", DeviceStatus(speed_scaling=10**400), r"status\(\) returns .*: OverflowError: "),
         ("io", "abc", r"io\(\) returns .*: InputError: the inputs and outputs contain a <class .str.>"),
         ("io", itertools.repeat(POINT), r"io\(\) returns .*: there are more than 1000 inputs and outputs"),
-        ("io", [replace(POINT, name="a\x1b[2J")], r"an input or output is 'a\\x1b\[2J'; it must be a text"),
+        ("io", [replace(POINT, name="a\x1b[2J")], r"an input or output is 'a\\x1b\[2J'; it must be a string"),
         (
             "io",
             [replace(POINT, name="\ud800")],
-            r"an input or output is '\\ud800'; it must be a text of 1 to",
+            r"an input or output is '\\ud800'; it must be a string of 1 to",
         ),
         ("io", [replace(POINT, name="n" * 10**6)], r"output is 'n+\.\.\. \(1000000 characters\)'; it must"),
         ("io", [replace(POINT, value=10**400)], r"io\(\) returns .*: OverflowError: "),

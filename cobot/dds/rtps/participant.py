@@ -117,7 +117,7 @@ class Participant:
         *,
         lifespan_s: float = math.inf,
     ) -> Writer:
-        """A writer of a keyless topic, announced to all participants at once.
+        """A writer of a keyless topic, announced to all participants immediately.
 
         accepts: decides whether to write for a matching reader; with None, the writer writes for each.
         lifespan_s: age after which a lost sample is not repeated, s. Readers do not learn of it, because

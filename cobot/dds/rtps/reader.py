@@ -1,7 +1,7 @@
 """The reading side of one topic: matched writers, order, acknowledgements (RTPS 2.2, 8.4.12).
 
 A reliable reader answers heartbeats. If a later sample shows that a sample is missing, the reader requests
-the missing one at once, because some writers send heartbeats only every few seconds.
+the missing one immediately, because some writers send heartbeats only every few seconds.
 """
 
 from __future__ import annotations
@@ -155,7 +155,7 @@ class Reader(RtpsEndpoint[WriterProxy]):
     def _introduce(self, proxy: WriterProxy) -> None:
         """Request the first heartbeat until it arrives, because the writer may not know this reader yet.
 
-        Fast DDS answers a request with base 0 at once, and any other request up to 3 s later.
+        Fast DDS answers a request with base 0 immediately, and any other request up to 3 s later.
         """
         if proxy.heard or self._proxies.get(proxy.guid) is not proxy:
             return
@@ -269,7 +269,7 @@ class TopicReader(Reader):
 
 
 class BuiltinReader(Reader):
-    """A reader of discovery data. The network thread processes its samples at once.
+    """A reader of discovery data. The network thread processes its samples immediately.
 
     on_announcement(prefix of the sender, payload, inline QoS)
     """

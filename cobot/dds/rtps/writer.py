@@ -1,6 +1,6 @@
 """The writing side of one topic: history, readers, acknowledgements, retransmission (RTPS 2.2, 8.4.9).
 
-Samples are sent at once with a final heartbeat, which requests an answer only if something is missing. A
+Samples are sent immediately with a final heartbeat, which requests an answer only if something is missing. A
 timer, which runs only while something is unacknowledged, sends heartbeats that request an answer. Samples
 larger than a datagram, and all repetitions, go through a queue per reader. They are sent in bursts that do
 not overflow the receiver's socket buffer, and small samples share a datagram. Discovery sends everything

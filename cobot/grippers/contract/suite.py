@@ -270,7 +270,7 @@ def fault(subject: Subject) -> str:
     require(subject.gripper.state().fault, "state().fault is empty although the device has a fault")
     subject.rig.clear("fault")
     require(not subject.gripper.state().fault, "state().fault stays although the fault has ended")
-    return "a fault is reported as a text"
+    return "a fault is reported as text"
 
 
 CHECKS: dict[str, Callable[[Subject], str]] = {

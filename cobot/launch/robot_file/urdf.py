@@ -30,7 +30,7 @@ CHILDREN = {
     "mujoco": ("compiler", "option"),
 }
 FIXED = ("origin", "parent", "child")
-"""Elements that are kept in a fixed joint. A <mimic> has no meaning in a fixed joint."""
+"""Elements that are kept in a fixed joint. A <mimic> has no effect in a fixed joint."""
 MAX_NAME = 250
 """Maximum length of a file name, because the system rejects longer ones."""
 DIRECTORIES = ("meshdir", "texturedir", "assetdir", "autolimits")

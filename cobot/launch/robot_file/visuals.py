@@ -26,7 +26,7 @@ TIMEOUT_S = 30.0
 """Timeout for converting one mesh, s. After it, the visual is left out."""
 MAX_TRIANGLES = 40_000
 """Target for the number of triangles of all meshes of a robot together. Finer meshes are simplified, so that
-the panel draws the robot at once, even without a graphics card.
+the panel draws the robot quickly, even without a graphics card.
 """
 
 

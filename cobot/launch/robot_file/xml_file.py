@@ -34,7 +34,7 @@ def read_xml(
         root = _expand(file, worker, arguments, packages)
         named = file.with_name(f"{file.name} (expanded)")
     elif arguments:
-        raise ConfigError(f"{file}: is not xacro, so --xacro has no meaning; leave it out")
+        raise ConfigError(f"{file}: is not xacro, so --xacro has no effect; omit it")
     if root.tag not in ("robot", "mujoco"):
         raise ConfigError(
             f"{named}: the first element is <{root.tag}>; it must be <robot> (URDF) or <mujoco> (MJCF)"

@@ -21,7 +21,7 @@ def announce(settings: Settings, url: str, access: str, memories: Mapping[str, R
 
     Args:
         url: service URL; "" if no service is running.
-        access: the clients that may use the service, as text for people.
+        access: the clients that may use the service, as human-readable text.
         memories: shared memory of the robots whose cycles have begun.
     """
     log.info("cobot %s (pid %d)", version("cobot"), os.getpid())

@@ -53,7 +53,7 @@ class ProcessSignals:
         self.hangup = True
 
     def sleep(self, seconds: float) -> None:
-        """Wait until a signal arrives, a child ends, or the time is over."""
+        """Wait until a signal arrives, a child ends, or the time has elapsed."""
         assert self._wake is not None
         with selectors.PollSelector() as selector:  # this needs no descriptor; there may be none left
             selector.register(self._wake, selectors.EVENT_READ)

@@ -5,7 +5,7 @@ motion have the same path up to the corner where the old one ended, and nearly t
 one slows down for its end. In a window before that corner the timing changes from the old motion's to the new
 motion's. Before the window the result equals the old motion bit for bit; after the window it equals the new
 motion. If no window stays within the limits because the arm is too near the end, the arm stops there and
-continues at once.
+continues immediately.
 
 A motion that can be extended keeps a small reserve for the window.
 """

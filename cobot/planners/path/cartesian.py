@@ -84,19 +84,20 @@ def follow(
 
 
 def _unreachable(arm: Arm, reason: CobotError, reached: float, end: Array | None) -> UnreachableError:
-    """The error if the simple way does not reach the end and, for a redundant arm, no other configuration
-    does either.
+    """The error if the simple solution does not reach the end and, for a redundant arm, no other
+    configuration does either.
     """
     if not arm.redundant:
         return UnreachableError(str(reason), findings=reason.findings)
     if arm.arm_angle is not None:
-        more = f"no arm angle leads beyond {100 * reached:.0f} % of the path"
+        more = f"no arm angle reaches beyond {100 * reached:.0f} % of the path"
         if reached >= 1.0:
-            more = "no other arm angles lead along the path without a collision"
+            more = "no other arm angles follow the path without a collision"
     else:
-        more = f"no other joint angles that were tried lead beyond {100 * reached:.0f} % of the path"
+        more = f"none of the other joint angles that were tried reach beyond {100 * reached:.0f} % of the "
+        "path"
         if reached >= 1.0:
-            more = "the other joint angles that were tried lead to its end only with a jump or a collision"
+            more = "the other joint angles that were tried reach its end only with a jump or a collision"
     if end is not None:
         more += ", with the required joint angles at its end"
     findings = [*reason.findings, Finding("redundancy", "share of the path", reached, 1.0, "", reached)]
@@ -154,7 +155,9 @@ def _plan_redundancy(
         return _plan_by_particles(robot, start, path, end) if arm.redundant else (None, reached)
     if not possible:
         enclosing = RedundancyGraph(robot, start, path, ENCLOSING, end, leading_on=True)
-        if not enclosing.has_way(free=False):  # ways of this mesh may get further than those of the others
+        if not enclosing.has_way(
+            free=False
+        ):  # routes through this mesh may get further than those through the others
             finest = RedundancyGraph(robot, start, path, MESHES[-1], end, leading_on=True)
             finest.has_way(free=False)
             return None, finest.reached

@@ -72,8 +72,8 @@ def _ending_at(robot: RobotDescription, path: TcpPath, shares: Array, rows: Arra
             if not solved:
                 at = float(shares[place])
                 raise UnreachableError(
-                    f"{path.name}: at {100 * at:.0f} % of the path no joint angles within the limits "
-                    "lead to the required end joints",
+                    f"{path.name}: at {100 * at:.0f} % of the path no joint angles within the limits reach "
+                    "the required end joints",
                     findings=[Finding("reach", "share of the path", at, 1.0, "", at)],
                 )
             rows[place] = joints

@@ -2,7 +2,7 @@
 
 A particle filter carries a set of configurations along the path. At each place, neighbours are drawn from
 their null space. Those that are collision-free and near a configuration at the previous place are kept, each
-with the cheapest way to it (dynamic programming). The cheapest way to the end is then smoothed.
+with the cheapest route to it (dynamic programming). The cheapest route to the end is then smoothed.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from cobot.types import Array
 
 FEW, MANY = 120, 360
 """Number of configurations. The second number is used if the search with the first finds no collision-free
-way.
+route.
 """
 FINER = 4
 """Factor for the number of places, for a narrow passage near a limit."""
@@ -38,7 +38,7 @@ splines between places need this margin, or less if places are closer together.
 """
 STEPS = 30
 SMOOTHINGS = (60, 15, 4)
-"""Numbers of smoothing rounds. If the smoothed way touches something, the next smaller number is used."""
+"""Numbers of smoothing rounds. If the smoothed route touches something, the next smaller number is used."""
 
 
 class Particles:
@@ -62,7 +62,7 @@ class Particles:
         Args:
             count: number of configurations.
             factor: factor for the number of places.
-            end: joints in which all ways end, shape (dof,); None means any.
+            end: joints in which all routes end, shape (dof,); None means any.
         """
         self._robot, self._arm = robot, robot.model.kinematics(path.free)
         self._count, self._random = count, np.random.default_rng(count)
@@ -77,8 +77,8 @@ class Particles:
         self._way = self._carry(start)
 
     def ways(self) -> Iterator[Array]:
-        """Yield the joints at all shares, shape (n, dof), for each way, beginning with the smoothest. Yields
-        nothing if no way reaches the end.
+        """Yield the joints at all shares, shape (n, dof), for each route, beginning with the smoothest.
+        Yields nothing if no route reaches the end.
         """
         for count in SMOOTHINGS if self._way is not None else ():
             yield self._smooth(count)

@@ -2,10 +2,10 @@
 leaves.
 
 The nodes of a graph are arm angles at even places of the path. Two nodes at neighbouring places are connected
-if each joint turns so little between them that the motion is continuous. The cheapest way is smoothed as far
-as limits and surroundings permit, and becomes a spline of the arm angle. The inverse kinematics stays in the
-branch of the start: it could only change its branch where axes align, which happens at single points of the
-graph.
+if each joint turns so little between them that the motion is continuous. The cheapest route is smoothed as
+far as limits and surroundings permit, and becomes a spline of the arm angle. The inverse kinematics stays in
+the branch of the start: it could only change its branch where axes align, which happens at single points of
+the graph.
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ ENCLOSING = Mesh(
     max(mesh.window * 360 * mesh.factor // mesh.angles for mesh in MESHES),
     max(mesh.step_rad * mesh.factor for mesh in MESHES),
 )
-"""A mesh that contains every way through any of `MESHES`: it contains all their arm angles, only the
-places that they share, and steps as large as theirs. If this mesh has no way, the others have none either.
+"""A mesh that contains every route through any of `MESHES`: it contains all their arm angles, only the places
+that they share, and steps as large as theirs. If this mesh has no route, the others have none either.
 """
 
 
@@ -168,7 +168,7 @@ class RedundancyGraph:
                     yield Profile(self._arm, self._path, branch, spline)
 
     def has_way(self, free: bool) -> bool:
-        """Whether at least one way reaches the end. With `free`, the way must lead through collision-free
+        """Whether at least one route reaches the end. With `free`, the route must pass through collision-free
         nodes only.
         """
         for branch in self._branches:
@@ -216,8 +216,8 @@ class RedundancyGraph:
         return [own, *sorted(others - {own})]
 
     def _cheapest(self, branch: int, free: bool) -> Array | None:
-        """The arm angles of the cheapest way at all places, shape (n + 1,), without jumps by full turns; None
-        if no way reaches the end.
+        """The arm angles of the cheapest route at all places, shape (n + 1,), without jumps by full turns;
+        None if no route reaches the end.
 
         free: use only nodes that are free of collisions.
         """

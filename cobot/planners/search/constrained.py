@@ -133,7 +133,7 @@ class _Steps:
         return found
 
     def _connect(self, start: Array, goals: Array) -> list[Array] | None:
-        """The places of a path, each one step away from the previous place; None if the time is over."""
+        """The places of a path, each one step away from the previous place; None if time runs out."""
         self.trees = near, far = _Tree(start[None]), _Tree(goals)
         roots, target = len(goals) - 1, goals[0]
         while not self._is_over():

@@ -182,7 +182,7 @@ cdef class Arm:
         return max(length3(away) - self.c_reach, 0.0)
 
     cdef bint c_solve(self, const Problem* problem, unsigned long long random, double* joints) noexcept nogil:
-        """The best joints that lead to the pose; False if none are found."""
+        """The best joints for the pose; False if none are found."""
         cdef Candidate found[MAX_CANDIDATES]
         cdef double distance[2]
         cdef int count, i, best
@@ -287,7 +287,7 @@ cdef class Arm:
     cdef bint c_descend(
         self, const Problem* problem, double* joints, int steps, bint bounded, double* distance
     ) noexcept nogil:
-        """Descend from joints to the nearest ones that lead to the pose, or as near to it as possible.
+        """Descend from joints to the nearest ones at the pose, or as near to the pose as possible.
 
         `distance` becomes the remaining distance from the pose, m and rad.
         """
@@ -462,7 +462,7 @@ cdef class Arm:
         return volume
 
     def solve(self, pose, seed, int criterion, unsigned long long random_seed):
-        """The best joints, shape (dof,), that lead to a pose; None if none are found.
+        """The best joints, shape (dof,), for a pose; None if none are found.
 
         Args:
             pose: shape (7,), x, y, z (m) and w, x, y, z of the TCP in the base frame.
@@ -476,8 +476,8 @@ cdef class Arm:
         return self._found.copy() if solved else None
 
     def solve_all(self, pose, seed, int criterion, int wanted, unsigned long long random_seed):
-        """Joints that lead to a pose, the best first. These are the best of each branch; without a closed
-        form, the results of `wanted` successful descents, which may be equal.
+        """Joints for a pose, the best first. These are the best of each branch; without a closed form, the
+        results of `wanted` successful descents, which may be equal.
         """
         cdef Problem problem
         cdef Candidate found[MAX_CANDIDATES]
@@ -505,7 +505,7 @@ cdef class Arm:
         return self.closed_form
 
     def descend(self, pose, seed, int steps, bint patient=False, within=None, double share=1.0):
-        """Descend from a seed. Returns the joints (dof,) at its end, whether they lead to the pose, and their
+        """Descend from a seed. Returns the joints (dof,) at its end, whether they reach the pose, and their
         distance from it, m and rad.
 
         Args:
@@ -531,7 +531,7 @@ cdef class Arm:
         return self._found.copy(), bool(solved), distance[0], distance[1]
 
     def descend_all(self, pose, seeds, int steps, within, double share=1.0):
-        """The joints, (k, dof), of those descents to a pose from seeds, (n, dof), that lead to it; for the
+        """The joints, (k, dof), of those descents to a pose from seeds, (n, dof), that reach it; for the
         other arguments see `descend`."""
         cdef Problem problem
         cdef double distance[2]

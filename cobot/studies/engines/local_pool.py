@@ -151,7 +151,7 @@ class LocalPool(Executor):
             self._listen(workers)
 
     def _take_orders(self, waiting: deque[_Call]) -> bool:
-        """Move new calls to `waiting`. Returns False if the pool must end at once."""
+        """Move new calls to `waiting`. Returns False if the pool must end immediately."""
         while True:
             try:
                 call = self._orders.get_nowait()

@@ -33,8 +33,8 @@ class FunctionStudy(SampledStudy):
 
     Attributes:
         function: FILE.py:NAME, relative to the study, or MODULE:NAME. It returns a number, true or false, or
-            a mapping from names to numbers, booleans or texts. If the function has a parameter `seed` that is
-            not in the space, it gets a different integer for each task.
+            a mapping from names to numbers, booleans or strings. If the function has a parameter `seed` that
+            is not in the space, it gets a different integer for each task.
         metric: name of a result. If the function returns a single value, its name is `value`.
     """
 
@@ -157,7 +157,7 @@ def _column(name: str, values: list[Any]) -> Column:
     if all(isinstance(value, bool | np.bool_) for value in given):
         return np.array([bool(value) for value in values])
     if any(isinstance(value, str) for value in given):
-        raise InputError(f"result {name!r}: is a text in some calls and a number in others")
+        raise InputError(f"result {name!r}: is a string in some calls and a number in others")
     return np.array([np.nan if value is None else float(value) for value in values])
 
 

@@ -77,7 +77,7 @@ class PlacesSpace(StrictModel):
         return self
 
     def contents(self) -> dict[str, str]:
-        """Hashes of the files that are used, by names for people."""
+        """Hashes of the files that are used, by readable names."""
         return {} if self.mesh is None else {"mesh": hash_of_file(self.mesh.file)}
 
 

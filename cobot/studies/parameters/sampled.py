@@ -71,7 +71,7 @@ class SampledStudy(Study):
     @model_validator(mode="after")
     def _require_no_samples(self) -> Self:
         if self.search is not None and self.samples is not None:
-            raise ValueError("samples: has no meaning for a search; give search.trials")
+            raise ValueError("samples: has no effect in a search; use search.trials")
         return self
 
     @property
@@ -121,7 +121,7 @@ class SampledStudy(Study):
             raise InputError(f"metric: {unknown_key(self.measure, names, 'result')}")
         values = columns[self.measure]
         if values.dtype.kind == "U":
-            raise InputError(f"metric: {self.measure!r} is a text; it must be a number, or true or false")
+            raise InputError(f"metric: {self.measure!r} is a string; it must be a number, or true or false")
         if self.search is not None:
             return self._best_trial(columns)
         points = np.asarray(columns["task"], dtype=np.int64) // self.points.count

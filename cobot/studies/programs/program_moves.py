@@ -32,7 +32,7 @@ class StudyMove(StrictModel):
         pose: x, y, z (m) and w, x, y, z of the TCP in the base frame, instead of `to`.
         speed_m_s: largest TCP speed on its path.
         accel_scale: share of the largest accelerations; 0 means the same as `speed`.
-        label: name for people, in errors.
+        label: display name, for errors.
         stop: whether the arm stops at the end of this motion instead of blending into the next one.
         within_m: distance that a study of cycles may move the pose along each axis.
         tolerance_m: maximum distance of the TCP from the part it works on at the end of this motion.

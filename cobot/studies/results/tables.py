@@ -71,7 +71,7 @@ def _write_parquet(path: Path, columns: Mapping[str, Column]) -> None:
 
 
 def _plain(values: Column) -> Column:
-    """Convert texts to Python objects, which duckdb can read."""
+    """Convert strings to Python objects, which duckdb can read."""
     return values.astype(object) if values.dtype.kind == "U" else values
 
 

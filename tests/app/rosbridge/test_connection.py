@@ -670,7 +670,7 @@ def test_fragments_that_contradict_each_other_or_pile_up_are_refused(monkeypatch
         ({"op": "unadvertise", "topic": "/a"}, "/a is not advertised"),
         ({"op": "unadvertise_service", "service": "/a"}, "/a is not advertised"),
         ({"op": "advertise", "topic": "/a b", "type": STRING}, "is not a name"),
-        ({"op": "publish", "topic": "/theirs", "msg": {"data": 3}}, "data: must be a text"),
+        ({"op": "publish", "topic": "/theirs", "msg": {"data": 3}}, "data: must be a string"),
         ({"op": "publish", "topic": "/cobot/graph", "msg": {}}, "/cobot/graph belongs to its publisher"),
         ({"op": "set_level", "level": "loud"}, "set_level: level"),
         ({"op": "fragment", "data": "", "num": -1, "total": 1}, "fragment: num"),

@@ -57,7 +57,7 @@ web:
         ("rt: {clock: slow}", "rt.clock: must be 'realtime' or 'fast', got 'slow'"),
         ("rt: {service_timeout_s: .inf}", "rt.service_timeout_s: "),
         ("robot: {name: '../../etc'}", "robot.name: "),
-        ("robot: {backend: {type: fri, 5: 6}}", "the key 5 is not a text: the name of an option of the "),
+        ("robot: {backend: {type: fri, 5: 6}}", "the key 5 is not a string: the names of the "),
         ("robot: {model: 7}", "robot.model: must be a path, got 7"),
         (
             "robot: {model: pkg://no_such_package/x.xml}",

@@ -175,7 +175,7 @@ def test_lists_of_one_without_brackets_and_an_empty_list_for_nothing_are_read(
         ),
         ("sensor_msgs/msg/JointState", {"header": [1]}, r"header: must be an object, got \[1\]"),
         ("sensor_msgs/msg/JointState", [1], r"JointState: must be an object"),
-        ("std_msgs/msg/String", {"data": 3}, "data: must be a text, got 3"),
+        ("std_msgs/msg/String", {"data": 3}, "data: must be a string, got 3"),
         ("std_msgs/msg/String", {"data": "\ud800"}, "data: is not valid Unicode"),
         ("std_msgs/msg/Bool", {"data": 1}, "data: must be true or false, got 1"),
         ("std_msgs/msg/UInt8", {"data": -1}, "data: uint8 must be from 0 to 255, got -1"),

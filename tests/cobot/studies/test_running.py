@@ -190,7 +190,7 @@ def test_a_metric_that_does_not_exist_is_reported_after_the_first_chunk(tmp_path
 def test_results_of_two_kinds_are_an_error(tmp_path: Path) -> None:
     study = function_study(tmp_path, "mixed")
     with pytest.raises(
-        InputError, match=r"result 'value': is a text in some (tasks|calls) and a number in others"
+        InputError, match=r"result 'value': is a string in some (tasks|calls) and a number in others"
     ):
         run_study(study, tmp_path / "out", executor=ThreadPoolExecutor(1))
 

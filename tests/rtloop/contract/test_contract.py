@@ -195,7 +195,7 @@ def test_a_stream_to_ros2_control_keeps_it(capsys: pytest.CaptureFixture[str]) -
         ),
         ("EndsTheProcess", "calls", "SystemExit: 1"),
         ("ReportsForEver", "io", "there are more than 1000 inputs and outputs, which is the maximum"),
-        ("NamesAnEscape", "io", r"is '\\x1b\[2J'; it must be a text of 1 to 1000 printable characters"),
+        ("NamesAnEscape", "io", r"is '\\x1b\[2J'; it must be a string of 1 to 1000 printable characters"),
         ("ClaimsAForce", "claims", "capabilities.wrench requires a method write_wrench"),
         ("SendsTheLast", "staleness", "reach the device 1 cycles after they were written"),
         (

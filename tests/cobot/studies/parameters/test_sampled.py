@@ -72,5 +72,5 @@ def test_a_metric_that_the_function_does_not_return_is_an_error(tmp_path: Path) 
     ):
         study.answer({"task": np.arange(2), **study.kernel()(0, 2)})
     study = function_study(tmp_path, metric="name")
-    with pytest.raises(InputError, match="metric: 'name' is a text; it must be a number, or true or false"):
+    with pytest.raises(InputError, match="metric: 'name' is a string; it must be a number, or true or false"):
         study.answer({"task": np.arange(2), **study.kernel()(0, 2)})
