@@ -56,7 +56,7 @@ class Repeats(Generic[Item]):
             return False
 
     def summary(self, *, all_of_them: bool = False) -> list[tuple[Item, int]]:
-        """For each kind whose interval has ended: its last item, and the number of items that were held back."""
+        """For each kind whose interval has ended: its last item, and the number of items held back."""
         with self._lock:
             now_s = self._now_s()
             found = []

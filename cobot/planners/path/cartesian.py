@@ -94,10 +94,9 @@ def _unreachable(arm: Arm, reason: CobotError, reached: float, end: Array | None
         if reached >= 1.0:
             more = "no other arm angles follow the path without a collision"
     else:
-        more = f"none of the other joint angles that were tried reach beyond {100 * reached:.0f} % of the "
-        "path"
+        more = f"none of the other joint angles tried reaches beyond {100 * reached:.0f} % of the path"
         if reached >= 1.0:
-            more = "the other joint angles that were tried reach its end only with a jump or a collision"
+            more = "the other joint angles tried reach its end only with a jump or a collision"
     if end is not None:
         more += ", with the required joint angles at its end"
     findings = [*reason.findings, Finding("redundancy", "share of the path", reached, 1.0, "", reached)]
@@ -155,9 +154,7 @@ def _plan_redundancy(
         return _plan_by_particles(robot, start, path, end) if arm.redundant else (None, reached)
     if not possible:
         enclosing = RedundancyGraph(robot, start, path, ENCLOSING, end, leading_on=True)
-        if not enclosing.has_way(
-            free=False
-        ):  # routes through this mesh may get further than those through the others
+        if not enclosing.has_way(free=False):  # routes of this mesh may get further than those of the others
             finest = RedundancyGraph(robot, start, path, MESHES[-1], end, leading_on=True)
             finest.has_way(free=False)
             return None, finest.reached

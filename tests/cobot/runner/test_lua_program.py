@@ -290,7 +290,7 @@ def test_coroutines_work() -> None:
         ("from_json('{')", r"test\.lua:1: from_json: not valid JSON"),
         ("from_json(('['):rep(1e6))", r"not valid JSON"),
         ("local t = {} t[1] = t to_json(t)", r"nested more than 16 levels deep"),
-        ("to_json({1, a = 2})", r"keys 1, 2, 3 \.\.\. or texts"),
+        ("to_json({1, a = 2})", r"keys 1, 2, 3 \.\.\. or strings"),
         ("textmsg(('x'):rep(3, ',')) error('mine')", r"test\.lua:1: mine$"),
         ("error({})", r"an error that is not a text: table"),
         ("local function f() return 1 + {} end\nf()", r"test\.lua:1: attempt to perform arithmetic"),

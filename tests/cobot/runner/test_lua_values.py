@@ -42,7 +42,7 @@ def test_data_is_as_json_knows_it_both_ways(literal: str, expected: Any) -> None
     ("literal", "sentence"),
     [
         ("print", "it must be data, got a function"),
-        ("{[1] = 1, [3] = 3}", "it must have either the keys 1, 2, 3 ... or texts as keys"),
+        ("{[1] = 1, [3] = 3}", "it must have either the keys 1, 2, 3 ... or strings as keys"),
         ("{1, a = 2}", "it must have either the keys"),
         ("{[true] = 1}", "it must have either the keys"),
         ("'\\xff'", "it is not UTF-8 text"),

@@ -167,4 +167,4 @@ def test_arguments_of_a_file_that_is_not_xacro_are_rejected(
 ) -> None:
     (tmp_path / "arm.urdf").write_text('<robot name="arm"><link name="base"/></robot>')
     assert main(["new-robot", str(tmp_path / "arm.urdf"), "--xacro", "a:=b"]) == 1
-    assert "is not xacro, so --xacro has no meaning" in capsys.readouterr().err
+    assert "is not xacro, so --xacro has no effect" in capsys.readouterr().err

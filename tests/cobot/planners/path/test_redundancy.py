@@ -131,6 +131,6 @@ def test_a_refusal_says_how_far_any_arm_angle_leads(robot: RobotDescription) -> 
     start[6] = 2.9
     here = robot.model.forward(start)
     turned = quaternion.product(quaternion.exp((0.0, 0.0, -2.5)), here.quaternion.tolist())
-    message = r"joint7 reaches its limit of 3\.0500 rad; no arm angle leads beyond \d+ % of the path$"
+    message = r"joint7 reaches its limit of 3\.0500 rad; no arm angle reaches beyond \d+ % of the path$"
     with pytest.raises(UnreachableError, match=message):
         lin(robot, start, Pose(here.position, np.array(turned)))

@@ -110,7 +110,7 @@ def test_the_goal_belongs_to_a_search(tmp_path: Path) -> None:
     [
         ({"search": {"trials": 0}}, "search.trials: must be greater than or equal to 1"),
         ({"search": {"sampler": "cma", "trials": 5}}, "search.sampler: must be 'tpe', 'cmaes' or 'random'"),
-        ({"samples": 5}, "samples: has no meaning for a search"),
+        ({"samples": 5}, "samples: has no effect in a search"),
     ],
 )
 def test_a_bad_search_names_the_key(more: dict[str, Any], message: str, tmp_path: Path) -> None:
