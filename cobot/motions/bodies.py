@@ -67,7 +67,7 @@ class KeptOrientation(RequestModel):
 
 
 class KeptBox(RequestModel):
-    """A box along the axes of the base frame that the TCP does not leave."""
+    """A box, aligned with the base frame, that the TCP does not leave."""
 
     min: PathPoint = Field(description="Corner with the smallest coordinates, m.")
     max: PathPoint = Field(description="Corner with the largest coordinates, m.")

@@ -50,7 +50,7 @@ async def ask(path: Path, request: dict[str, Any], timeout_s: float) -> dict[str
         answer: dict[str, Any] = json.loads(line)
     except TimeoutError as exc:
         raise UnavailableError(
-            f"the recorder has not answered within {timeout_s:g} s; the recorder continues to work"
+            f"the recorder has not answered within {timeout_s:g} s; the recorder keeps running"
         ) from exc
     except OSError as exc:
         raise UnavailableError(f"the recorder is not running ({exc}); cobot run restarts it") from exc

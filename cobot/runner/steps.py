@@ -115,7 +115,7 @@ class WaitForStep(Step):
 
     wait_for: StepCondition
     timeout_s: Seconds = Field(
-        WAIT_FOR_TIMEOUT_S, description="If the condition does not hold within this time, the step fails, s."
+        WAIT_FOR_TIMEOUT_S, description="Time, s, after which the step fails if the condition does not hold."
     )
 
 

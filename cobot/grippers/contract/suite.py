@@ -65,7 +65,7 @@ class GripperRig(Protocol):
 
 
 class NoPoints:
-    """A robot without inputs and outputs. If a driver needs them, its rig passes a port of its own."""
+    """A robot without inputs and outputs. If a driver needs them, its rig passes its own port."""
 
     def read(self, name: str) -> float:
         raise GripperError(f"the robot has no input or output {name!r}")
@@ -185,7 +185,7 @@ def stop(subject: Subject) -> str:
     able = subject.prepare()
     least, _ = _widths(able)
     if not able.continuous:
-        raise NotTested("the fingers of this gripper cannot stop between their ends")
+        raise NotTested("the fingers of this gripper cannot stop between their end positions")
     subject.gripper.move(least, able.speed_m_s and able.speed_m_s[0], None)
     subject.rig.step(0.1)
     subject.gripper.stop()

@@ -1,6 +1,6 @@
 """The end of a TCP path: a pose that the arm can reach, and the joints there.
 
-The joints may be required to be the same as at the start of the path, may be given, or may be any.
+These joints may be those at the start of the path, given joints, or any joints.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ class CompareStudy(Study):
     """One study with variants, whose answers are shown side by side.
 
     Attributes:
-        study: the common part of all variants, which is a study without question and seed.
+        study: the part common to all variants: a study without a question and a seed.
         variants: the keys in which a variant differs, by the name of the variant. Mappings are merged.
     """
 

@@ -132,7 +132,7 @@ def test_a_search_is_as_good_as_a_grid(tmp_path: Path) -> None:
         ({"orders": [[1]]}, r"orders\[0\]: must have at least 2 items"),
         (
             {"program": [{"to": "home"}, {"to": "work", "within_m": 0.1}]},
-            r"program\[1\].within_m: needs pose",
+            r"program\[1\].within_m: needs a pose",
         ),
     ],
 )
