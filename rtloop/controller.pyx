@@ -318,7 +318,8 @@ cdef class Controller(ModeMachine):
 
     def _step_reset(self, Measured measured):
         """Execute one step of a reset in steps. During the reset, the command follows the measured
-        position."""
+        position.
+        """
         result = Rejected(OVERTAKEN)
         if not self.drives.is_overtaken(self.commands.stops):
             result = self.drives.step_reset(measured)

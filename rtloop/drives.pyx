@@ -1,5 +1,6 @@
 """The power of the drives. A stop of category 1 switches it off; a reset switches it on again, at once or in
-steps."""
+steps.
+"""
 
 from rtloop.backends.compiled cimport Measured
 

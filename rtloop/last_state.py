@@ -11,15 +11,15 @@ from cobot.reasons import ReasonCode
 from cobot.types import LoopMode
 
 MAX_RAD = 1e3
-"""Maximum plausible position of a joint, rad. A larger value means that the state is damaged."""
+"""Maximum plausible position of a joint, rad. With a larger value, the state must be damaged."""
 
 
 def last_state(memory: RobotMemory) -> np.ndarray | None:
     """Copy the last state that a crashed rtloop of the same supervisor published; None if it published none.
 
-    It may have crashed while publishing. Then the positions are a mixture of two cycles, which is accurate
-    enough. If the values are invalid, the state is damaged. Then it is unknown whether an e-stop or a fault
-    was latched, so an e-stop is assumed.
+    If it crashed while publishing, the positions are a mixture of two cycles, which is accurate enough. If
+    the values are invalid, the state is damaged, and it is unknown whether an e-stop or a fault was latched.
+    In that case an e-stop is assumed.
     """
     block = memory.state
     if block.sequence == 0:

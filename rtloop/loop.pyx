@@ -25,9 +25,9 @@ from rtloop.device_limits import device_limits, narrowed, slowed
 from rtloop.first_contact import first_contact
 from rtloop.last_state import last_state
 
-# Robot time in which an arm must come to rest before the process ends.
+# Timeout for the arm to be at rest before the process ends, s of robot time.
 END_LIMIT_S = 3.0
-# Maximum number of periods to wait for a beat of the device. After a missing beat, the next one is due in one
+# Maximum number of periods to wait for the device's beat. After a missing beat, the next one is due in one
 # period.
 BEAT_PATIENCE = 1.5
 
@@ -42,24 +42,25 @@ cdef class ControlLoop:
     """Runs one robot, cycle by cycle."""
 
     def __init__(self, settings, model, memory, backend, CycleClock clock, recording=None):
-        """recording: receives a record of each cycle; a `cobot.ipc.recording_memory.RecordingMemory`."""
+        """recording: a `cobot.ipc.recording_memory.RecordingMemory`, which gets a record of each cycle."""
         self._period_s = settings.rt.period_s
         self._period_ns = round(settings.rt.period_s * 1e9)
         self._overruns_to_stop = settings.rt.overruns_to_stop
         self._pause_to_stop_ns = round(settings.rt.pause_to_stop_s * 1e9)
         self._late_in_a_row = 0
         self._frozen_to_fault = round(settings.rt.frozen_after_s / settings.rt.period_s)
-        self._frozen = 0  # Number of cycles in which the arm was moved and no measured value changed.
+        # Number of cycles in which the arm was commanded to move but no measured value changed.
+        self._frozen = 0
         self._moving_rad_s = settings.rt.settle_velocity_rad_s
         self._square = 0.0  # A fingerprint of the last measured values.
-        self._unwritten = 0  # Cycles in a row.
+        self._unwritten = 0  # Number of consecutive cycles.
         self._is_compiled = isinstance(backend, CompiledBackend)
         self._compiled = backend if self._is_compiled else None
         backend = guarded(backend)
         self._backend, self._model = backend, model
         self._clock = clock
         self._is_paced = isinstance(backend, Paced)
-        # With a clock of robot time, a device may be as fast as it can.
+        # With a clock in robot time, the device may be as fast as it can.
         self._pace = Pace(settings.rt.period_s) if isinstance(clock, RealtimeClock) else None
         self._beatless = 0  # Number of consecutive cycles without a beat of the device.
         self._begun_ns = 0  # Time of the last cycle that a beat has started.
@@ -104,7 +105,8 @@ cdef class ControlLoop:
         known = last is not None and np.isfinite(last["position"]).all()
         self._backend.open(last["position"] if last is not None and known else start_position)
         self._backend.read(self._measured)
-        if not self.controller.drives.c_off():  # through a stop that an earlier rtloop has read
+        # not if an earlier rtloop has read a stop that switches them off
+        if not self.controller.drives.c_off():
             self._backend.enable()
         if self._device.capabilities.hardware:
             self._device.meet(first_contact(self._model, self._measured.position))
@@ -112,8 +114,8 @@ cdef class ControlLoop:
         self.controller.start_at(self._measured.position)
 
     def beat(self):
-        """Wait for the next cycle. Returns its delay in nanoseconds. With an externally clocked device, wait
-        for its packet instead of the clock.
+        """Wait for the next cycle, and return its delay in nanoseconds. With an externally clocked device,
+        wait for its packet instead of the clock.
         """
         cdef long long late_ns
         if self._is_paced:
@@ -122,8 +124,8 @@ cdef class ControlLoop:
         return late_ns
 
     def _await_beat(self):
-        """Wait for the device's packet, which is the deadline. A cycle that begins more than a period after
-        the previous one is late; a packet that does not arrive is a missed period.
+        """Wait for the device's packet, which defines the deadline. A cycle that begins more than a period
+        after the previous one is late. A packet that does not arrive is a missed period.
         """
         cdef long long late_ns = 0, now_ns, early_ns
         patience = 1.0 if self._beatless else BEAT_PATIENCE
@@ -153,7 +155,7 @@ cdef class ControlLoop:
         return late_ns
 
     def _race(self, long long early_ns):
-        """Handle a device that is faster than the clock: the arm stops with cycles of the computer's
+        """Handle a device that is faster than the clock: the arm stops, with cycles on the computer's
         clock.
         """
         words = (
@@ -165,7 +167,7 @@ cdef class ControlLoop:
             self._pace.c_hold(early_ns)
 
     def step(self, long long late_ns=0):
-        """Run one cycle. Real-time safe. It raises exceptions only for programming errors.
+        """Run one cycle. Real-time safe. Raises exceptions only for programming errors.
 
         Args:
             late_ns: delay of the cycle's beginning.
@@ -173,7 +175,7 @@ cdef class ControlLoop:
         self.c_step(late_ns)
 
     def run(self, ending):
-        """Run cycles until `ending` holds a reason and the arm has come to rest."""
+        """Run cycles until `ending` contains a reason and the arm is at rest."""
         cdef long long end_cycle = 0, late_ns
         cdef bint moving
         while True:
@@ -244,7 +246,9 @@ cdef class ControlLoop:
         statistics.c_count(TOTAL, monotonic_ns() - begun_ns)
 
     cdef bint c_read(self) except *:
-        """Use the measured values if they are valid. Returns False if the last valid values stay in use."""
+        """Use the new measured values if they are valid. Returns False if the last valid values stay in
+        use.
+        """
         cdef Measured fresh = self._fresh
         cdef double square = 0.0
         cdef int index
@@ -276,8 +280,8 @@ cdef class ControlLoop:
         return self.controller.drives.c_loose()
 
     def _miss_beat(self):
-        """Keep the command for a while if the robot accepts none, so that the motion later continues without
-        a jump.
+        """If the robot accepts no command, keep the current one for a time, so that the motion can continue
+        without a jump.
         """
         self._unwritten += 1
         if self._beatless == self._overruns_to_stop:
@@ -299,13 +303,13 @@ cdef class ControlLoop:
             self.controller.heed_t1()
 
     def _freeze(self):
-        """Handle measured values that have not changed, as at rest, although the arm is not at rest."""
+        """Handle measured values that have not changed although the arm should move."""
         self.controller.stale = True
         words = f"the robot has reported the same values in {self._frozen} cycles although it should move"
         self.controller.fault(Reason(words, ReasonCode.FROZEN))
 
     cdef bint c_moves(self) noexcept nogil:
-        """Whether a motion of a joint is commanded."""
+        """Whether any joint is commanded to move."""
         cdef const double* velocity = self.controller.safety.c_command + self._measured.dof
         cdef int joint
         for joint in range(self._measured.dof):
@@ -314,7 +318,7 @@ cdef class ControlLoop:
         return False
 
     cdef void c_write(self) except *:
-        """Send the command to the robot. With its drives off, the robot gets one only if its packets need an
+        """Send the command to the robot. With the drives off, it is sent only if the robot's packets need an
         answer.
         """
         if self.controller.drives.c_off() and not self._is_paced:

@@ -1,4 +1,4 @@
-"""Command line and start of the control loop."""
+"""The command line of rtloop, and the start of the control loop."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def main() -> int:
         help="only print the permissions that the system grants, as JSON",
     )
     arguments = parser.parse_args()
-    asked = arguments.check or arguments.permissions  # for a program or a person that reads the output
+    asked = arguments.check or arguments.permissions  # another program or a person reads the output
     if not asked:
         start_logging("rtloop")
     try:
@@ -89,7 +89,7 @@ def _run(settings: Settings, clock_name: str | None) -> None:
 
     signal.signal(signal.SIGTERM, end)
     signal.signal(signal.SIGINT, end)
-    np.seterr(all="ignore")  # comparisons find values that are not finite, and report them
+    np.seterr(all="ignore")  # no warnings: comparisons find and report values that are not finite
     robot = load_robot(settings)
     memory = RobotMemory.attach(settings.robot.name, MemoryRole.RTLOOP)
     backend = make_backend(settings, robot.limits)
@@ -98,7 +98,7 @@ def _run(settings: Settings, clock_name: str | None) -> None:
     granted: list[Permissions] = []
 
     def prepare_timing() -> None:
-        """Do slow preparations before the device is connected, because a connected device may need timely
+        """Make slow preparations before the device is connected, because a connected device may need timely
         answers.
         """
         loop.controller.tool_and_scene.watch_scene()
@@ -123,7 +123,9 @@ def clock_of(backend: Backend, name: str, period_s: float) -> CycleClock:
 
 
 def _recording(robot: str) -> RecordingMemory | None:
-    """Open the memory for recording. None if it does not exist, which does not prevent motion."""
+    """Open the memory for recording. Returns None if it does not exist, because the arm can move without a
+    recording.
+    """
     try:
         return RecordingMemory.attach(robot, history=False)
     except CobotError as exc:
@@ -132,7 +134,7 @@ def _recording(robot: str) -> RecordingMemory | None:
 
 
 def _load_tool(settings: Settings, robot: RobotDescription) -> Tool:
-    """Load the tool with the attached objects. Parts of a simulated cell are left out, because the cell
+    """Load the tool with the attached objects. Parts of a simulated cell are omitted, because the cell
     returns to its initial state.
 
     If the scene cannot be read, only the tool is returned. Nothing moves in that case, because neither the
@@ -152,7 +154,7 @@ def _load_tool(settings: Settings, robot: RobotDescription) -> Tool:
 
 def _permissions(rt: RtSection, clock_name: str) -> Permissions:
     if clock_name == "fast":
-        # Otherwise the states could become so old that readers would consider this process dead.
+        # Otherwise states could be published so late that readers would consider this process dead.
         set_niceness(Niceness.PROMPT)
         return Permissions(
             sched_fifo=False, memory_locked=False, refused="not requested: the fast clock does not wait"

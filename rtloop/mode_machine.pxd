@@ -10,14 +10,15 @@ from rtloop.streaming.session cimport Session
 
 
 cdef enum Guide:
-    # The source of the next cycle's command. Except with NOTHING, tool and scene must not change, and no
-    # motion begins. A stop of category 1 keeps the drives on while the command moves the arm.
+    # The source of the next cycle's command. With all except NOTHING, the tool and the scene must not change,
+    # and no motion may begin. A stop of category 1 leaves the drives on while the command moves the arm.
     NOTHING = 0  # The arm stays at its commanded position.
     PATH = 1  # The command moves along a path; another trajectory may replace the path.
     STREAM = 2  # The command moves.
-    BRAKE = 3  # The command moves, because the safety layer brings it to rest.
-    COAST = 4  # The device comes to rest by itself, at any position. The command is the measured position.
-    HAND = 5  # A person guides the arm, or it comes to rest afterwards. The command is the measured position.
+    BRAKE = 3  # The command moves, because the safety layer is decelerating it.
+    COAST = 4  # The device is stopping by itself, at any position. The command is the measured position.
+    # A person is guiding the arm, or it is stopping after that. The command is the measured position.
+    HAND = 5
 
 
 cdef class ModeMachine:
@@ -34,7 +35,7 @@ cdef class ModeMachine:
     cdef readonly long long deceleration_ns
     cdef int _mode, _dof, _motion_result
     cdef Guide _guide
-    cdef bint _stop_unseen  # Whether a stop was requested and the arm does not slow down yet.
+    cdef bint _stop_unseen  # Whether a stop has been requested, but the arm is not slowing down yet.
     cdef object _desired_rows
     cdef double* _desired
     cdef double _yield_rad, _tracking_error_rad, _settle_position_rad

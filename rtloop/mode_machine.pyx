@@ -1,9 +1,9 @@
-"""Two states and their transitions: the mode of the arm, and its current guide.
+"""Two states and their transitions: the mode of the arm, and its guide.
 
 The mode is public: `rtloop.modes` has its transitions, and only `_enter` changes it, except at a restart. The
-guide determines the source of the commands and is internal. It is a `Guide`, whose values document what each
-permits; only `c_let` changes it. Any event may change both states. Methods with the prefix `c_` run in every
-cycle and are real-time safe; methods for events are Python.
+guide determines the source of the commands and is internal. It is a `Guide`, whose values are documented with
+what each permits; only `c_let` changes it. Any event may change both states. Methods with the prefix `c_` run
+in every cycle and are real-time safe; methods for events are Python.
 """
 
 from libc.string cimport memcpy, memset
@@ -26,7 +26,7 @@ from rtloop.backends import BackendError
 from rtloop.modes import STREAMING, TRANSITIONS
 from rtloop.results import ACCEPTED, Rejected
 
-# For clients whose command a stop has overtaken.
+# Reason for commands that a stop has overtaken.
 OVERTAKEN = "a stop was requested meanwhile"
 
 MODES = tuple(LoopMode)
@@ -37,18 +37,18 @@ cdef unsigned int STREAMING_BITS = sum(1 << mode for mode in STREAMING)
 
 
 cdef class ModeMachine:
-    """Calculates the command of each cycle, in `safety`, according to the current guide, and ends the guide
-    when necessary.
+    """Calculates the command of each cycle, which is then in `safety`, according to the current guide, and
+    ends the guide when necessary.
 
     Attributes:
         commands, safety, streaming, settling, drives, handover, follower, signals: its parts.
         mode, reason: the mode, and the reason for ESTOP, FAULT or the last stop.
-        motion_id, motion_result: the running motion or the last one.
+        motion_id, motion_result: the current or the last motion.
         deceleration_ns: time at which the last stop began to slow the arm down, from the cycle's `now_ns`.
     """
 
     def __init__(self, settings, model, memory, backend, device):
-        """device: receives reports; a `rtloop.device.DeviceWatch`."""
+        """device: a `rtloop.device.DeviceWatch`."""
         rt, limits = settings.rt, model.limits
         self._dof = limits.dof
         if self._dof > MAX_DOF:
@@ -90,14 +90,12 @@ cdef class ModeMachine:
 
     @property
     def settled(self):
-        """Whether the measured arm is at rest: at the commanded position; in FAULT and in a session at any
-        position.
-        """
+        """Whether the arm is at rest at the commanded position; in FAULT and in a session at any position."""
         return self.settling.settled
 
     @property
     def moving(self):
-        """Whether a motion is loading, running or settling, or a streaming session is ending."""
+        """Whether a motion is being loaded, running or settling, or a streaming session is ending."""
         return self.c_moving()
 
     def start_at(self, position):
@@ -110,10 +108,9 @@ cdef class ModeMachine:
         self.settling.c_hold()
 
     def let_go(self, position):
-        """Handle a robot that has not accepted commands for some time, so that its drives have stopped on
-        their own.
+        """Handle a robot that has not accepted commands for some time and has therefore stopped on its own.
 
-        When it accepts commands again, the commanded position must equal its position.
+        When it accepts commands again, the command must equal its position.
         """
         result = self.streaming.close() if self.streaming.session else ACCEPTED
         self.start_at(position)
@@ -136,7 +133,7 @@ cdef class ModeMachine:
         self._motion_result = MotionResult.FAILED if result is MotionResult.RUNNING else result
 
     def stop(self, reason):
-        """Stop: on the path if the arm is on one that leaves enough room to slow down."""
+        """Stop the arm: on its path, if it is on a path with enough room to slow down."""
         if self.handover.load != NO_LOAD:
             self._finish_loading(Rejected(reason))
         if self._mode == TRAJECTORY or self.c_streams():
@@ -161,8 +158,8 @@ cdef class ModeMachine:
         self._latch(LoopMode.ESTOP, reason)
 
     def fast_stop(self, reason):
-        """Stop category 1: each joint stops as fast as its limits permit, even off the path. Then the drives
-        are switched off until a reset.
+        """Make a stop of category 1: each joint stops as fast as its limits permit, even off the path. Then
+        the drives are switched off until a reset.
         """
         self.estop(reason)
         if self._guide == PATH and not self.follower.by_itself:
@@ -170,7 +167,7 @@ cdef class ModeMachine:
         self.drives.switch_off_at_rest()
 
     def switch_off(self):
-        """Switch the drives off after a stop of category 1. This may take long, because nothing moves."""
+        """Switch the drives off after a stop of category 1. This may take long, because nothing is moving."""
         result = self.drives.switch_off()
         if result != ACCEPTED:
             self.reason = self.reason.and_then(result.reason)
@@ -247,7 +244,7 @@ cdef class ModeMachine:
             self._slow_down()
 
     def _enter(self, mode, reason=""):
-        """Enter another mode, if the transition is permitted."""
+        """Enter a mode, if the transition is permitted."""
         if mode not in TRANSITIONS[self.mode]:
             return False
         self._mode = mode
@@ -255,8 +252,8 @@ cdef class ModeMachine:
         return True
 
     cdef void c_let(self, Guide guide) noexcept nogil:
-        """Let this guide determine the commands from now on. BRAKE leaves path and stream: each joint stops
-        on its own.
+        """Let this guide determine the commands from now on. BRAKE abandons the path or the stream: each
+        joint stops separately.
         """
         self._guide = guide
         if guide == BRAKE:
@@ -295,9 +292,11 @@ cdef class ModeMachine:
             self.c_let(BRAKE)
 
     cdef void _go_with_hand(self, Measured measured, double robot_time_s, bint fresh) except *:
-        """Command the measured position while a person guides the arm, and until it is at rest after that."""
+        """Command the measured position while a person is guiding the arm, and until it is at rest after
+        that.
+        """
         if fresh:
-            # The command is the last measured position, so the next comparison of both shows a jump.
+            # The command is the last measured position, so the next comparison of the two shows jumps.
             self.settling.c_tracks(measured.c_values, self._yield_rad)
             self._desired_rows[:] = 0.0
             self._desired_rows[0] = measured.position
@@ -308,8 +307,8 @@ cdef class ModeMachine:
                 self.stop(self.streaming.explain_end())
 
     cdef void _follow(self, Measured measured, double robot_time_s, bint fresh) except *:
-        """Follow the path. A device that executes motions itself stops at any position after a stop; until
-        then the command is the position that it reports.
+        """Follow the path. A device that executes motions itself may stop at any position; until it has
+        stopped, the command is the position that it reports.
         """
         cdef bint stopping
         cdef Way way
@@ -347,7 +346,7 @@ cdef class ModeMachine:
             self._heed_fence()
 
     cdef void _heed_conditions(self, Measured measured, double robot_time_s) except *:
-        """Let the motion wait, begin, pause, continue or end as its conditions require."""
+        """Make the motion wait, begin, pause, continue or end as its conditions require."""
         cdef Verdict verdict
         try:
             verdict = self.signals.c_look(
@@ -379,7 +378,7 @@ cdef class ModeMachine:
             self.follower.clock.c_end_urgently()
 
     cdef void _coast(self, Measured measured, bint fresh) except *:
-        """Wait until the device has stopped, or its state is unknown. If the arm is not where it is reported
+        """Wait until the device has stopped, or its state is unknown. If the arm is not at its reported place
         on the path, it has left the path.
         """
         self.follower.place()
@@ -396,16 +395,18 @@ cdef class ModeMachine:
             self.stop(self.follower.watch.said([place[0], place[1], place[2], place[3]]))
 
     def _lose_track(self, position, allowed):
-        """Handle a joint that is too far from its commanded position, or was misread."""
+        """Handle a joint that is too far from its commanded position or was misread."""
         result = self.settling.check_tracking(position, allowed)
         if result is not ACCEPTED:
             self.safety.count(Intervention.TRACKING)
             self.fault(result.reason)
 
     cdef bint c_settle(self, Measured measured, bint fresh) noexcept nogil:
-        """Count how long the arm has been at rest, and check whether a motion or a session may have ended."""
-        # The arm may be at rest at any position in a session, where it is compliant; in contact, where it may
-        # be pushed aside; and in FAULT, where it follows no command.
+        """Measure how long the arm has been at rest, and check whether a motion or a session may have
+        ended.
+        """
+        # The arm may be at rest at any position in a session, because it is compliant; in contact, because it
+        # may be pushed aside; and in FAULT, because it follows no command.
         cdef bint anywhere = self.streaming.session != 0 or self._mode == FAULT or self.signals.met
         self.settling.c_settle(
             measured.c_values,
@@ -421,9 +422,9 @@ cdef class ModeMachine:
         return self.settling.c_check_end()
 
     def _rest(self, Measured measured, fresh):
-        """Finish a motion or session that has ended: the arm is at rest, or does not come to rest.
+        """Finish a motion or session whose arm is at rest, or has not come to rest in time.
 
-        In contact it may not come to rest: pressed against a wall, it can slide until it is held at its
+        In contact, it may not come to rest: pressed against a wall, it can slide until it is held at its
         position.
         """
         if self.streaming.session:
@@ -441,7 +442,7 @@ cdef class ModeMachine:
                 self.c_let(BRAKE)
 
     def _yield_to_contact(self, position, fresh):
-        """Hold the arm at its position if the contact that has ended its motion pushes it aside."""
+        """Hold the arm at its position if the contact that has ended its motion has pushed it aside."""
         self.signals.end()
         if self.settling.largest > self._settle_position_rad and fresh and not self.settling.misread:
             self.start_at(position)
@@ -450,7 +451,7 @@ cdef class ModeMachine:
         """Switch to position control once a session has ended and the arm is at rest.
 
         An arm that was pushed aside is held at its position, unless the position is unknown. An arm that is
-        pushed continuously and does not come to rest is held too.
+        pushed continuously and does not come to rest is also held.
         """
         guided = self.streaming.guided
         result = self.streaming.close()

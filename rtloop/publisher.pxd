@@ -25,9 +25,9 @@ cdef class StatePublisher:
     cdef uint64_t* _interventions
     cdef int64_t* _intervened_ns
     cdef Block _gripper  # the gripper's block, written by the service
-    cdef double* _gripper_values  # its values in the block's private copy
+    cdef double* _gripper_values  # the gripper's values in the block's private copy
     cdef uint64_t _gripper_seen  # sequence of the reading that is published
-    # For `publish`, which uses Python objects.
+    # Used by `publish`, which uses Python objects.
     cdef object _reason
     cdef long long _counted
 
@@ -39,7 +39,7 @@ cdef class StatePublisher:
     ) noexcept nogil
     # Copy the newest reading of the gripper into the numbers of the state.
     cdef void c_heed_gripper(self, StateScalars* scalars) noexcept nogil
-    # Copy the counts of the safety layer, one for each kind of intervention. Call it when they change.
+    # Copy the counts of the safety layer, one for each kind of intervention. Call this when they change.
     cdef void c_heed(self, Safety safety, object reason) except *
     cdef void _find_tcp(self) noexcept nogil
     cdef void _smooth_effort_rate(self) noexcept nogil

@@ -1,4 +1,4 @@
-"""Publishes the state of each cycle, and statistics of all cycles."""
+"""Publishes the state in each cycle, and statistics of all cycles."""
 
 from libc.math cimport NAN
 from libc.stdint cimport UINT64_MAX, int64_t, uint32_t, uint64_t
@@ -46,7 +46,7 @@ cdef class StatePublisher:
         self._smoothing = memory.period_s / EFFORT_RATE_S
         self._per_period = 1.0 / memory.period_s
         self.scalars = <StateScalars*>block.c_unsigned("cycle")
-        # The measured values are adjacent in the block, and so are the three commanded rows.
+        # The measured values are adjacent in the block, as are the three commanded rows.
         self._measured = block.c_doubles("position")
         self._velocity, self._effort = block.c_doubles("velocity"), block.c_doubles("effort")
         self._commanded = block.c_doubles("commanded_position")
@@ -144,10 +144,11 @@ cdef class Statistics:
         self.c_count(phase, duration_ns)
 
     def end_cycle(self):
-        """Publish the statistics twice a second. The block is large, and copying it counts as compute time.
+        """Publish the statistics twice a second. They are not published in each cycle, because copying the
+        large block takes computing time.
 
-        The robot and device descriptions are published too, although they do not change, in order to repair
-        damage by another writer. They are published in different cycles, so that no cycle becomes too long.
+        The robot and device descriptions are also published, although they do not change, to repair damage by
+        another writer. All are published in different cycles, so that no cycle takes too long.
         """
         self.c_end_cycle()
 

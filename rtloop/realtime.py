@@ -14,14 +14,14 @@ _MCL_CURRENT = 1
 _MCL_FUTURE = 2
 _MCL_ONFAULT = 4
 _NEEDED = ("libmujoco", "libpython", "libc.so", "libc-", "libm.so", "libm-", "/bin/python", "_umath")
-"""Parts of the names of the libraries, in addition to cobot's own modules, whose code a cycle may need at any
-time.
+"""Parts of the names of libraries whose code a cycle may need at any time, in addition to cobot's own
+modules.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Permissions:
-    """The granted permissions; `refused` lists the others, with reasons."""
+    """The granted permissions. `refused` lists the others, with reasons."""
 
     sched_fifo: bool
     memory_locked: bool
@@ -29,7 +29,7 @@ class Permissions:
 
 
 def prepare(priority: int, cpu: int | None, cpu_latency_us: int | None) -> Permissions:
-    """Request a core that does not sleep deeply, SCHED_FIFO and locked memory.
+    """Request SCHED_FIFO, locked memory, and cores that do not sleep deeply.
 
     A refusal is not an error.
     """
@@ -60,10 +60,10 @@ def prepare(priority: int, cpu: int | None, cpu_latency_us: int | None) -> Permi
 
 
 def _keep_awake(latency_us: int) -> None:
-    """Keep all cores from sleep states with a longer wake-up latency.
+    """Prevent all cores from entering sleep states with a longer wake-up latency.
 
-    A core that sleeps more deeply between cycles begins some of them a millisecond late. The kernel keeps the
-    limit while the file is open, which is until this process ends.
+    A core that sleeps more deeply between cycles starts some of them a millisecond late. The limit applies as
+    long as the file is open, which is until this process ends.
     """
     file = os.open(_PM_QOS, os.O_WRONLY | os.O_CLOEXEC)
     os.write(file, latency_us.to_bytes(4, sys.byteorder))
@@ -73,7 +73,7 @@ def _lock_memory() -> None:
     """Lock each memory page in RAM as soon as it has been touched. The code that a cycle may need is locked
     at once.
 
-    MCL_FUTURE alone would also load all memory that is only reserved, which is five times as much.
+    MCL_FUTURE alone would also load memory that is only reserved, five times as much.
     """
     libc = ctypes.CDLL(None, use_errno=True)
     everything = _MCL_CURRENT | _MCL_FUTURE
@@ -101,7 +101,7 @@ def _code() -> list[tuple[int, int]]:
 
 def freeze_garbage() -> None:
     """Collect garbage once, and disable the collector. Reference counting frees the objects that the cycle
-    makes.
+    creates.
     """
     gc.collect()
     gc.freeze()

@@ -29,16 +29,16 @@ cdef class CycleRecorder:
     cdef int _copied
     cdef Py_ssize_t _cycle_at  # offset of the state's `cycle`
     cdef uint64_t* _number
-    # Fields of the record that the state block does not have.
+    # Fields of the record that are not in the state block.
     cdef uint32_t* _note_number
     cdef uint32_t* _interventions
     cdef uint32_t* _phases_ns
     cdef uint8_t* _is_fresh
-    cdef uint64_t* _counted_before  # the last count of each kind of intervention
+    cdef uint64_t* _counted_before  # last count of each kind of intervention
     cdef object _reason
     cdef long long _counted
 
-    # Note the reason for the mode and the counts of the safety layer. Call it in each cycle.
+    # Record changes of the mode's reason and of the safety layer's counts. Call this in each cycle.
     cdef void c_heed(self, Safety safety, object reason, int mode, uint64_t cycle, int64_t now_ns) except *
     # Write a cycle record. state: a record of `cobot.ipc.state_fields.state_dtype`
     cdef void c_record(self, const char* state, const long long* phases_ns, bint fresh) noexcept nogil

@@ -1,4 +1,4 @@
-"""Writes data of each cycle for the recorder: a record in a ring, and the reasons of mode changes."""
+"""Writes data for the recorder: a record of each cycle in a ring, and the reasons for mode changes."""
 
 from libc.stdint cimport int64_t, uint32_t, uint64_t
 from libc.string cimport memcpy
@@ -22,11 +22,11 @@ _COPIES = {
     ("u8", "u4"): COPY_UINT32,
     ("u8", "u1"): COPY_UINT8,
 }
-"""The kinds of copies, by the kinds of a field in the state block and in the record."""
+"""The kind of copy for each pair of types of a field in the state block and in the record."""
 
 
 cdef class CycleRecorder:
-    """Writes the fresh ring and the notes. Real-time safe."""
+    """Writes the ring of cycle records, and the notes. Real-time safe."""
 
     def __init__(self, memory):
         """
@@ -55,7 +55,7 @@ cdef class CycleRecorder:
         self._note_number[0] = <uint32_t>self._note["number"]
 
     def _find_copies(self, dof, at):
-        """The offsets of the recorded bytes in the state and in the record."""
+        """Determine the offsets of the recorded bytes in the state and in the record."""
         state = state_dtype(dof)
         if len(RECORDED) > MAX_COPIES:
             raise LayoutError(f"{len(RECORDED)} fields of the state are recorded, allowed: {MAX_COPIES}")

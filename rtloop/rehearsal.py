@@ -1,8 +1,8 @@
-"""Dry runs: execute a planned motion on a separate simulated robot, with the real cycle and safety layer, as
+"""Dry runs: executes a planned motion on a separate simulated robot, with the real cycle and safety layer, as
 fast as possible.
 
-Planning processes call this module. A dry run does not touch the running robot, and may be killed at any
-moment.
+Planning processes call this module. A dry run does not affect the robot itself, and may be killed at any
+time.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from rtloop.loop import ControlLoop
 
 FOREVER_NS = 10**16
 LOADING_CYCLES = 10_000
-"""Maximum number of cycles for loading a motion. It is enough for the longest motion."""
+"""Maximum number of cycles for loading a motion; enough for the longest motion."""
 MAX_SETTLING_S = 30.0
 """Timeout for the arm to settle at the end of a motion, s. It is longer than the time after which the cycle
 ends any motion.
@@ -39,13 +39,13 @@ ends any motion.
 RESTING_S = 0.2
 """How long a disturbance acts on the arm at rest before the motion begins, s."""
 ROWS = 2000
-"""Number of measured positions that are kept, evenly spaced over a motion's duration."""
+"""Maximum number of measured positions that are kept, evenly spaced over a motion's duration."""
 SATURATED = 0.999
 UNSETTLED = Reason("the arm did not settle at its goal", ReasonCode.NOT_SETTLED)
 
 
 class Disturbance(Protocol):
-    """A disturbance of the simulated arm in a dry run. The cycle is not informed of it."""
+    """A disturbance of the simulated arm in a dry run, of which the cycle is not informed."""
 
     def prepare(self, backend: MujocoBackend) -> None:
         """Change the arm before the motion begins."""
@@ -92,12 +92,13 @@ def _loop(
     )
     name = f"{names.name[:40]}.rehearsal.{os.getpid()}"
     memory = RobotMemory.create(name, limits.dof, rt.period_s, trajectory.segments)
-    memory.unlink()  # no other process can find it, and nothing remains of it, however this process ends
+    # so that no other process can find it, and nothing remains of it however this process ends
+    memory.unlink()
     try:
         memory.heartbeat.data["monotonic_ns"] = time.monotonic_ns() + FOREVER_NS
         memory.heartbeat.publish()
         memory.slots[0].write(1, trajectory)
-        # A separate model, because the cycle changes its tool; the planners need theirs unchanged.
+        # A separate model, because the cycle changes its tool, and the planners need an unchanged one.
         model = RobotModel.load(names.model, limits, base=names.base_frame, tcp=names.tcp)
         backend = MujocoBackend(alone, limits)
         loop = ControlLoop(alone, model, memory, backend, FastClock(rt.period_s))
@@ -140,7 +141,7 @@ def _follow(
     kept = [(0.0, state["position"].copy())]
     before, flaw, cycle = state["interventions"].copy(), None, 0
     controller = loop.controller
-    with np.errstate(all="ignore"):  # comparisons find values that are not finite, and report them
+    with np.errstate(all="ignore"):  # no warnings: comparisons find and report values that are not finite
         while controller.moving and cycle < most:
             if disturbance is not None:
                 disturbance.act(backend, cycle * period_s)
@@ -161,10 +162,10 @@ def _follow(
 
 
 def _flaw(time_s: float, limits: JointLimits, share: Array, apart: Array, new: Array) -> Flaw | None:
-    """Return the flaw that a cycle shows, or None if it shows none.
+    """Return the flaw that is detected in a cycle; None if there is none.
 
     Args:
-        share: share of its effort limit that each joint uses.
+        share: effort of each joint as a share of its limit.
         apart: distance of each joint from its commanded position, rad.
         new: interventions of the safety layer since the motion began, by kind.
     """

@@ -15,7 +15,7 @@ class Accepted:
 
 @dataclass(frozen=True, slots=True)
 class Later:
-    """The work takes several cycles. The part of rtloop that does it sends the result at the end."""
+    """The work takes several cycles. The part of rtloop that does the work sends the result at the end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class Rejected:
     """The request is rejected, or the check has failed. A rejected command or session has changed nothing.
 
     Attributes:
-        reason: the cause, for a person.
+        reason: the cause, as text for users.
     """
 
     reason: str
@@ -35,13 +35,13 @@ ACCEPTED, LATER = Accepted(), Later()
 
 def first_rejection(results: Iterable[Accepted | Rejected]) -> Accepted | Rejected:
     """Return the first rejection, or `ACCEPTED` if all results are accepted. If `results` is a generator, the
-    checks after the first rejection do not run.
+    checks after the first rejection are not run.
     """
     return next((result for result in results if isinstance(result, Rejected)), ACCEPTED)
 
 
 def result_of(reason: str) -> Accepted | Rejected:
-    """Convert the text that a check returns to a result. The text is the reason of a rejection, or "" if the
+    """Convert the text returned by a check to a result. The text is the reason for a rejection, or "" if the
     check has passed.
     """
     return Rejected(reason) if reason else ACCEPTED

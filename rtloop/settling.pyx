@@ -8,12 +8,13 @@ import numpy as np
 from cobot.reasons import Reason, ReasonCode
 from rtloop.results import ACCEPTED, Rejected
 
-# Robot time after the end of a motion within which the arm has to settle.
+# Timeout for the arm to settle after the end of a motion, s of robot time.
 SETTLE_LIMIT_S = 2.0
-# Robot time after which the arm counts as at rest if its measured position has hardly changed. Some drivers
-# report velocities with much noise, or the last velocity of a motion for ever.
+# Robot time after which the arm is considered at rest if its measured position has hardly changed. Some
+# drivers report very noisy velocities, or keep reporting the last velocity of a motion.
 REST_S = 1.0
-# A measured position was misread if it moves in a cycle this many times as far as all joints at full speed.
+# A measured position is misread if it moves, in one cycle, this many times as far as all joints can at full
+# speed.
 JUMP_FACTOR = 3.0
 
 
@@ -23,10 +24,9 @@ cdef class SettlingMonitor:
     Real-time safe, except for the methods that return sentences.
 
     Attributes:
-        settled: whether the arm has been at rest for long enough, at its commanded position or at any
+        settled: whether the arm has been at rest for long enough, at its commanded position or another
             permitted one.
-        rests: whether the arm is settled, or has hardly moved for `REST_S` according to its
-            measured position.
+        rests: whether the arm is settled, or its measured position has hardly changed for `REST_S`.
         misread: whether a physically impossible position was measured since the arm was last held.
         largest: largest deviation of a joint from its command, rad.
     """
@@ -44,11 +44,11 @@ cdef class SettlingMonitor:
         self.settle_limit_cycles = _cycles(SETTLE_LIMIT_S, rt.period_s)
 
     def believe_jumps(self):
-        """Accept jumps of the measured position, because the device reports it only from time to time."""
+        """Accept jumps of the measured position, because the device updates it only from time to time."""
         self._largest_step = float("inf")
 
     def check_tracking(self, position, double allowed):
-        """Check whether each joint is within `allowed`, rad, of its command, and none was misread in this
+        """Check that each joint is within `allowed`, rad, of its command, and that none was misread in this
         cycle.
 
         Args:
@@ -74,7 +74,7 @@ cdef class SettlingMonitor:
         return ACCEPTED
 
     def explain_unrest(self, velocity):
-        """Describe why the arm does not count as at rest.
+        """Describe why the arm is not considered at rest.
 
         Args:
             velocity: measured joint velocities, shape (dof,), rad/s.
@@ -125,12 +125,12 @@ cdef class SettlingMonitor:
         return np.array([self._error[joint] for joint in range(self._dof)])
 
     cdef void c_begin(self) noexcept nogil:
-        """Note that the arm begins to move or to stop."""
+        """Record that the arm begins to move or to stop."""
         self._still_cycles = self._unsettled_cycles = self._placed_cycles = 0
         self.settled = self.rests = False
 
     cdef void c_hold(self) noexcept nogil:
-        """Note that the arm is commanded to hold its current position."""
+        """Record that the arm is commanded to hold its current position."""
         self.misread = False
         self._norm = 0.0
 
@@ -154,7 +154,7 @@ cdef class SettlingMonitor:
     cdef void c_settle(
         self, const double* position, const double* velocity, bint may_be_still, bint anywhere
     ) noexcept nogil:
-        """Count how long the arm has been at rest.
+        """Measure how long the arm has been at rest.
 
         Args:
             position: measured joint positions, (dof,), rad.
@@ -176,12 +176,12 @@ cdef class SettlingMonitor:
         self.rests = self.settled or self._placed_cycles >= self._rest_cycles
 
     cdef bint c_check_end(self) noexcept nogil:
-        """Whether the motion is over: the arm has settled, or its time for settling has passed."""
+        """Whether the motion is over: the arm has settled, or the time for settling has passed."""
         self._unsettled_cycles += 1
         return self.settled or self._unsettled_cycles >= self.settle_limit_cycles
 
 
 def _cycles(time_s, period_s):
-    """The smallest number of periods that last at least this time."""
+    """Return the smallest number of periods that last at least this long."""
     cycles = int(time_s / period_s)
     return cycles if cycles * period_s >= time_s else cycles + 1

@@ -2,11 +2,11 @@ from rtloop.streaming.session cimport Session
 
 
 cdef enum Known:
-    # The state of the surroundings that streaming sessions use.
-    ALL = 0  # Known completely; or an error is known, and sessions are rejected.
+    # How much is known of the surroundings that streaming sessions use.
+    ALL = 0  # Everything is known; or there is an error, and sessions are rejected.
     # Changed, and not read yet. The scene is read when the arm is at rest; a motion may continue.
     CHANGED = 1
-    BEING_READ = 2  # A thread reads it. Requests for motions wait.
+    BEING_READ = 2  # A thread is reading it. Requests for motions wait.
 
 
 cdef class ToolAndScene:

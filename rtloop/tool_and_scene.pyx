@@ -1,4 +1,4 @@
-"""The arm's tool and its surroundings. Both change while the arm is at rest."""
+"""The arm's tool and surroundings. Both change only while the arm is at rest."""
 
 from cobot.errors import CobotError, InputError, LimitError
 from cobot.ipc.tool_record import load_of
@@ -11,12 +11,12 @@ from rtloop.streaming.session cimport Session
 
 
 cdef class ToolAndScene:
-    """Passes tool and surroundings on to the model, the device and the streaming sessions. It runs only on
-    events.
+    """Passes the tool and the surroundings to the model, the device and the streaming sessions. Its methods
+    run only on events.
 
     Attributes:
         surroundings: reads the surroundings of the arm.
-        known: progress of reading them; `hear_of` and `heed` change it.
+        known: progress of reading them, which `hear_of` and `heed` change.
         scene_known: `Accepted` if the collision monitor has the scene, otherwise `Rejected` with the reason.
     """
 
@@ -49,7 +49,7 @@ cdef class ToolAndScene:
 
     def take(self, version, scene_version):
         """Use the tool in the tool's block of shared memory. The arm is at rest: the command stays the same,
-        and the holding torques follow the weight within the same cycle.
+        and the holding torques match the new weight in the same cycle.
         """
         if not self._tool.try_read():
             return Rejected("the tool could not be read")
@@ -60,13 +60,15 @@ cdef class ToolAndScene:
             if tool.version != version:
                 return Rejected(f"shared memory has version {tool.version} of the tool, not {version}")
             self.carry(tool, mounted)
-            self.hear_of(scene_version)  # The shapes of the tool are in its file.
+            self.hear_of(scene_version)  # so that the tool's shapes are read from its file
         except (InputError, LimitError, ValueError, BackendError) as exc:
             return Rejected(str(exc))
         return ACCEPTED
 
     def hear_of(self, version):
-        """Note that the files have another scene, or other shapes of the tool. They are not read yet."""
+        """Record that the files have a different scene or different shapes of the tool. They are not read
+        yet.
+        """
         self.known = CHANGED
         self._info.data["scene_version"] = version
         self._info.publish()
@@ -82,7 +84,7 @@ cdef class ToolAndScene:
         self._info.data["scene_version"] = self.surroundings.version
 
     cdef void heed(self) except *:
-        """Begin to read the surroundings, or use the finished result."""
+        """Begin to read the surroundings if they have changed, or use the finished result."""
         if self.known == CHANGED:
             self.known = BEING_READ
             self.surroundings.begin()

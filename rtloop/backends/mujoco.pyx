@@ -438,7 +438,8 @@ cdef class MujocoBackend(CompiledBackend):
 
     cdef void _read_sensors(self, double* wrench) noexcept nogil:
         """Calculate the wrench of the flange's sensors about the TCP, in the TCP frame; zero without
-        sensors."""
+        sensors.
+        """
         cdef double readings[6]
         cdef double product
         cdef int row, i

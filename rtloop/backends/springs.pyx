@@ -103,7 +103,8 @@ cdef class Springs:
 
     cdef void c_torques(self, const double* command, double* torques) noexcept nogil:
         """Calculate the torques towards `command` (position and velocity) from MuJoCo's current state,
-        N·m."""
+        N·m.
+        """
         cdef double velocity_error[MAX_DOF]
         cdef double mobility[MAX_DOF * MAX_DOF]  # M⁻¹
         cdef int i, dof = self._dof

@@ -43,7 +43,8 @@ cdef class ChunkInterpolator:
 
     cdef void c_begin(self, const double* state) noexcept nogil:
         """Start from this state, (3, n), without waypoints, and hold. A moving reference is brought to
-        rest."""
+        rest.
+        """
         memmove(self.ref, state, 3 * self.n * sizeof(double))
         self.count = 0
         self._start_brake()

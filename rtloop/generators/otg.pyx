@@ -425,7 +425,8 @@ cdef inline void _brake_acceleration(
     double v, double a, const Limits* limits, double* fall, double* hold
 ) noexcept nogil:
     """Calculate the phases with jerk −1 to the maximum acceleration, which is held while the velocity is
-    below its lower limit."""
+    below its lower limit.
+    """
     cdef double most = limits.max_acceleration
     if v + 0.5 * a * a > limits.max_velocity:
         _brake_velocity(v, a, limits, fall, hold)
@@ -748,7 +749,8 @@ cdef int otg_position_in(const Problem* problem, double duration_s, Profile* pro
 
 cdef int otg_step(const Problem* problem, double period_s, double* out) noexcept nogil:
     """Calculate the state one period later on a plan to the target's position: position, velocity,
-    acceleration."""
+    acceleration.
+    """
     cdef Profile profile
     cdef int result = otg_position(problem, &profile)
     if result == OTG_OK:
@@ -825,7 +827,7 @@ cdef inline void _tighten(Problem* line, const Problem* axis, double ratio) noex
 cdef inline void _scale(
     const Profile* line, const Problem* axis, double ratio, Profile* profile
 ) noexcept nogil:
-    """The motion of an axis that moves in proportion to another one."""
+    """Calculate the motion of an axis that moves in proportion to another one."""
     cdef double start = line.position[0]
     cdef int i
     profile.count, profile.duration = line.count, line.duration
@@ -839,14 +841,14 @@ cdef inline void _scale(
 
 
 cdef inline bint _beyond_limits(const Problem* problem) noexcept nogil:
-    """Whether a motion has to begin with bringing the state within the limits."""
+    """Whether a motion must first bring the state within the limits."""
     cdef Limits limits = _limits(problem)
     cdef double fall, hold, v = problem.velocity / problem.max_jerk
     return _brake(v, problem.acceleration / problem.max_jerk, &limits, &fall, &hold) != 0
 
 
 cdef inline bint _fits(const Problem* line, const Problem* problems, int n) noexcept nogil:
-    """Whether the line brings no state beyond the limits that is within the limits of each axis."""
+    """Whether a state within the limits of each axis is also within the limits of the line."""
     cdef int i
     if not _beyond_limits(line):
         return True
@@ -858,8 +860,7 @@ cdef inline bint _fits(const Problem* line, const Problem* problems, int n) noex
 
 cdef int otg_synchronise(const Problem* problems, int n, Profile* profiles) noexcept nogil:
     """Make all axes arrive together with the slowest one, each with a cruise at a lower velocity. An axis
-    without such a cruise arrives earlier. Returns the first result other than OTG_OK if an axis has no
-    motion.
+    without such a cruise arrives earlier. If an axis has no motion, return its result; otherwise OTG_OK.
     """
     cdef Profile slower
     cdef double duration_s = 0.0
@@ -877,8 +878,9 @@ cdef int otg_synchronise(const Problem* problems, int n, Profile* profiles) noex
 
 
 cdef int otg_vector(const Problem* problems, int n, Profile* profiles) noexcept nogil:
-    """A motion of all axes. If offset, velocities and acceleration lie on one line, the motion is straight,
-    as fast as the limits of all axes permit. Otherwise the axes arrive together, see `otg_synchronise`.
+    """Plan a motion of all axes. If offset, velocities and acceleration lie on one line, the motion is
+    straight and as fast as the limits of all axes permit. Otherwise the axes arrive together, see
+    `otg_synchronise`.
     """
     cdef Problem line
     cdef Profile motion
@@ -914,7 +916,9 @@ cdef class AxisProfile:
 
     @property
     def phases(self):
-        """Rows of duration and jerk, and of position, velocity and acceleration at the start."""
+        """Return a row for each phase: duration, jerk, and position, velocity and acceleration at its
+        start.
+        """
         cdef const Profile* p = &self.profile
         return [
             (p.duration_s[i], p.jerk[i], p.position[i], p.velocity[i], p.acceleration[i])
@@ -923,13 +927,13 @@ cdef class AxisProfile:
 
     @property
     def extrema(self):
-        """The minimum and maximum position."""
+        """Return the minimum and maximum position."""
         cdef double[2] out
         profile_extrema(&self.profile, out)
         return out[0], out[1]
 
     def at(self, double time_s):
-        """Position, velocity, acceleration."""
+        """Return position, velocity and acceleration at a time."""
         cdef double[3] out
         profile_at(&self.profile, time_s, out)
         return out[0], out[1], out[2]
@@ -945,21 +949,21 @@ cdef Problem _problem(row) except *:
 
 
 def position(row):
-    """The result code, and the motion to a target position, for a row in the order of `Problem`."""
+    """Return the result code and the motion to a target position, for a row in the order of `Problem`."""
     cdef Problem problem = _problem(row)
     cdef AxisProfile motion = AxisProfile()
     return otg_position(&problem, &motion.profile), motion
 
 
 def velocity(row):
-    """The result code, and the motion to a target velocity, for a row in the order of `Problem`."""
+    """Return the result code and the motion to a target velocity, for a row in the order of `Problem`."""
     cdef Problem problem = _problem(row)
     cdef AxisProfile motion = AxisProfile()
     return otg_velocity(&problem, &motion.profile), motion
 
 
 def step(row, double period_s):
-    """The result code, and the state one period later."""
+    """Return the result code and the state one period later."""
     cdef Problem problem = _problem(row)
     cdef double[3] out
     out[0] = out[1] = out[2] = 0.0
@@ -968,8 +972,8 @@ def step(row, double period_s):
 
 
 def vector(rows, in_phase=True):
-    """The result code, and the motions of at most 16 axes, for rows in the order of `Problem`. With
-    `in_phase` False they are only synchronised.
+    """Return the result code and the motions of at most 16 axes, for rows in the order of `Problem`. If
+    `in_phase` is false, they are only synchronised in time.
     """
     cdef Problem[16] problems
     cdef Profile[16] profiles

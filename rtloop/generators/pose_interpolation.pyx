@@ -22,15 +22,16 @@ from rtloop.generators.interpolation cimport plain
 
 from rtloop.generators.factory import make_interpolator
 
-cdef double MIN_DURATION_S = 1e-3  # Minimum duration of a move, also if a shorter one or none is requested.
+cdef double MIN_DURATION_S = 1e-3  # Minimum duration of a move, even if a shorter one or none is requested.
 
 
 cdef class PoseInterpolator:
     """An `Interpolator` of poses. Real-time safe. See pose_interpolation.pyi.
 
-    It works in a chart: position, and the rotation vector from the orientation at the arrival of the newest
-    command. A straight line through the chart's origin is a rotation about a fixed axis at constant speed. So
-    `Linear` is a straight line with a spherical interpolation. The limits hold for each axis of the chart.
+    It works in a chart: the position, and the rotation vector from the orientation at which the newest
+    command arrived. A straight line through the chart's origin is a rotation about a fixed axis at constant
+    speed, so `Linear` is a straight line with spherical interpolation. The limits apply to each axis of the
+    chart.
     """
 
     def __init__(
@@ -59,8 +60,8 @@ cdef class PoseInterpolator:
     cdef void c_begin(
         self, const double* pose, const double* twist, const double* acceleration
     ) noexcept nogil:
-        """Start in this state without commands, and hold. A moving reference is brought to rest. A motion of
-        NULL means rest.
+        """Start from this state without commands, and hold. A moving reference is brought to rest. NULL for
+        `twist` or `acceleration` means rest.
         """
         cdef double state[18]
         memcpy(self.c_pose, pose, 7 * sizeof(double))
@@ -71,7 +72,7 @@ cdef class PoseInterpolator:
         self.chart.c_begin(state)
 
     cdef void c_aim(self, const double* pose, const double* twist, double duration_s) noexcept nogil:
-        """Take a new command, to be reached in `duration_s`. Its twist may be NULL."""
+        """Accept a new command, to be reached in `duration_s`. Its twist may be NULL."""
         cdef double state[18]
         cdef double twist_now[6]
         cdef double acceleration_now[6]
@@ -97,14 +98,14 @@ cdef class PoseInterpolator:
         self._write()
 
     cdef void c_twist(self, double* out) noexcept nogil:
-        """The twist in this cycle, (6,): m/s and rad/s."""
+        """Calculate the twist in this cycle, (6,): m/s and rad/s."""
         cdef const double* ref = self.chart.ref
         memcpy(out, ref + 6, 3 * sizeof(double))
         quat_angular_velocity(ref + 3, ref + 9, out + 3)
 
     cdef void c_acceleration(self, double* out) noexcept nogil:
-        """The acceleration in this cycle, (6,): m/s² and rad/s². The angular part omits terms of second order
-        in the rotation since the newest command.
+        """Calculate the acceleration in this cycle, (6,): m/s² and rad/s². The angular part omits terms of
+        second order in the rotation since the newest command.
         """
         cdef const double* ref = self.chart.ref
         memcpy(out, ref + 12, 3 * sizeof(double))
@@ -113,8 +114,8 @@ cdef class PoseInterpolator:
     cdef void _state_at_origin(
         self, const double* twist, const double* acceleration, double* out
     ) noexcept nogil:
-        """The state of the reference in a chart with its origin there, in which the Jacobian is the
-        identity.
+        """Calculate the state of the reference in a chart whose origin is the reference, where the Jacobian
+        is the identity.
         """
         memcpy(out, self.c_pose, 3 * sizeof(double))
         memset(out + 3, 0, 3 * sizeof(double))

@@ -9,21 +9,22 @@ cdef class PoseLimiter:
     cdef double* c_pose  # (7,): x, y, z, w, x, y, z.
     cdef double* c_twist
     cdef double* c_acceleration
-    cdef double* c_speed  # Velocity at the end of the period; the twist is the mean of the period.
+    cdef double* c_speed  # Velocity at the end of the period; the twist is the mean over the period.
     cdef double period_s
     cdef double[3][2] bounds  # Velocity, acceleration and jerk; linear and angular.
     cdef double[7] last  # request
     cdef double[6] own  # velocity of the requests
-    cdef int differing  # cycles in which this velocity may still differ from the twist
+    cdef int differing  # number of cycles in which this velocity may still differ from the twist
 
     cdef PoseRange targets
     cdef bint ranged
-    cdef bint[2] square  # whether the axes are those of the base frame, with equal shares
+    cdef bint[2] square  # whether the axes are the base frame's, with equal shares; linear, angular
     cdef bint[2] aligned  # whether a pursuit keeps its axes; linear, angular
     cdef double[2][9] axes  # three axes for each part, one per row
     cdef double[2][3] shares  # share of each axis in the limits of acceleration and jerk
     cdef double[2][3] expected  # velocity of the request when the axes were chosen
-    cdef double[2][3] strayed  # deviation of the request from the place to which that velocity would have led
+    # deviation of the last request from the place to which that velocity would have led
+    cdef double[2][3] strayed
     cdef double[2] scale  # remaining distance at that time
 
     cdef void c_stay_within(self, PoseRange targets) noexcept

@@ -12,45 +12,48 @@ from rtloop.generators.moving_frame cimport Motion, to_rest_in_frame
 from rtloop.generators.otg cimport OTG_OK, Problem, Profile, otg_step, otg_velocity, profile_at
 from rtloop.generators.target_range cimport PoseRange
 
-# Relative excess that passes unchanged, because differences of positions are rounded.
+# Relative excess that passes unchanged, because differences of positions contain rounding errors.
 cdef double TOLERANCE = 1e-3
-cdef double MIN_SHARE = 0.25  # Minimum share of an axis across the motion in a limit.
-# Minimum share of each axis of the base frame, before the shares are scaled to norm 1.
+cdef double MIN_SHARE = 0.25  # Minimum share of a limit for an axis across the motion.
+# Minimum share of a limit for each axis of the base frame, before the shares are scaled to norm 1.
 cdef double MIN_SPREAD = 0.35
-# Time by which the remaining distance is divided to give a velocity, when the direction is chosen.
+# When the direction is chosen, the remaining distance divided by this time is its velocity, s.
 cdef double LEAD_S = 0.2
 cdef double SHARE = 0.9  # Share of the limits that the TCP uses while it catches up.
 cdef double ALONG = 0.9  # Share of these limits that the pursued request may use.
-# The axes turn when the request deviates from its expected place by this share of the distance that remained.
+# The axes turn when the request deviates from its expected position by this share of the distance that
+# remained.
 cdef double TURN = 0.25
 cdef double TURNING = 2.0  # An axis across the motion can reach this multiple of the request's acceleration.
 cdef double REST = 1e-9
-cdef double BOUND = 1e-7  # m or rad: a stop at most this far beyond a bound counts as at the bound.
+cdef double BOUND = 1e-7  # m or rad: a stop no further than this beyond a bound is at the bound.
 cdef double NO_WAY = 1e-12
 cdef int HALVINGS = 8
-cdef double FULL = 1e3  # The need of an axis that has no room.
-cdef double MIN_NEED = 0.1  # Share of the largest need; each axis brakes at least as if it had this need.
+cdef double FULL = 1e3  # The need of an axis that has no room to stop.
+# Share of the largest need. Each axis decelerates at least as if it had this need.
+cdef double MIN_NEED = 0.1
 cdef double[9] BASE = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
-cdef double MIN_ACROSS = 1e-3  # m/s or rad/s: the direction of a smaller velocity is rounding.
+cdef double MIN_ACROSS = 1e-3  # m/s or rad/s: the direction of a smaller velocity is only rounding.
 
 
 cdef class PoseLimiter:
     """Follows a pose within the limits. Real-time safe. See pose_limiter.pyi.
 
     A request that stays within the limits passes unchanged, bit for bit. Any other request is pursued in a
-    frame that moves with it. So the TCP catches up with a moving request and does not overshoot one at rest.
-    The axes of the pursuit lie along and across the direction of motion. Each has its part of the limits, so
-    that the norms hold, and each is planned on its own. From rest to rest the motion is a straight line and a
-    rotation about one axis. The axes keep their directions and parts while the request continues its motion.
-    If they turned with the remaining distance, the TCP would circle a request that it passes closely.
+    frame that moves with it. So the TCP catches up with a moving request, and does not overshoot a request at
+    rest. The axes of the pursuit lie along and across the direction of motion. Each has its share of the
+    limits, so that the norms are within the limits, and is planned separately. From rest to rest the motion
+    is a straight line and a rotation about one axis. The axes keep their directions and shares while the
+    request continues its motion. If they turned with the remaining distance, the TCP would circle a request
+    that it passes closely.
 
     With a range of targets the TCP also keeps enough room to stop within it. A moving request is then pursued
     along the axes of the base frame, in which the range is given.
 
     An earlier version used the axes of the base frame, synchronised by Ruckig. If a request jumped while the
-    TCP moved, the velocities added up to 1.2 times the limit. In addition, Ruckig's result for an axis that
-    had almost arrived determined the direction of the next cycle, so another, equally exact generator gave
-    different motions.
+    TCP was moving, the velocities added up to 1.2 times the limit. In addition, Ruckig's result for an axis
+    that had almost arrived determined the direction of the next cycle, so a different, equally exact
+    generator led to different motions.
     """
 
     def __init__(self, double period_s, limits):
@@ -67,12 +70,12 @@ cdef class PoseLimiter:
         ]
 
     cdef void c_stay_within(self, PoseRange targets) noexcept:
-        """From now on, leave the range of the targets by no more than this permits."""
+        """Set the target range that the TCP may not leave."""
         self.targets = targets
         self.ranged = targets is not None
 
     cdef void c_begin(self, const double* pose, const double* twist) noexcept nogil:
-        """Start here with this motion; NULL means rest."""
+        """Start at this pose, with this motion; NULL means rest."""
         memcpy(self.c_pose, pose, 7 * sizeof(double))
         memcpy(self.last, pose, 7 * sizeof(double))
         memset(self.c_twist, 0, 6 * sizeof(double))
@@ -101,7 +104,7 @@ cdef class PoseLimiter:
             velocity[i] = step[i] / period_s
             rate[i] = (velocity[i] - self.c_twist[i]) / period_s
             change[i] = (rate[i] - self.c_acceleration[i]) / period_s
-            # velocity of the requests, if the last ones have passed
+            # velocity of the requests, if the last ones have passed unchanged
             own[i], own_rate[i] = velocity[i], rate[i]
         if self.differing:
             self.differing -= 1
@@ -109,7 +112,7 @@ cdef class PoseLimiter:
             for i in range(6):
                 own[i] /= period_s
                 own_rate[i] = (own[i] - self.own[i]) / period_s
-                # A TCP that reaches the request takes over its rates in the next cycles.
+                # A TCP that reaches the request adopts its rates in the next cycles.
                 gap = (velocity[i] - own[i]) / period_s
                 change[i] = fmax(fabs(change[i]), fabs(rate[i] - own_rate[i]) / period_s)
                 change[i] = fmax(change[i], fabs(rate[i] - own_rate[i] + gap) / period_s)
@@ -134,7 +137,7 @@ cdef class PoseLimiter:
             self.c_speed[i] = velocity[i] + 0.5 * period_s * rate[i]
 
     cdef void _follow(self, const double* step, const double* own, const double* own_rate) noexcept nogil:
-        """Move towards a request that moves like this, or that has jumped, as well as the limits permit."""
+        """Move towards a request that is moving or has jumped, as well as the limits permit."""
         cdef double moving[6]
         cdef double moving_rate[6]
         cdef double rest[6]
@@ -157,7 +160,8 @@ cdef class PoseLimiter:
     cdef void _align(
         self, int part, const double* step, const double* own, const double* moving, const double* moving_rate
     ) noexcept nogil:
-        """Choose the axes of a part when its pursuit begins, and again when the request has deviated.
+        """Choose the axes of a part (linear or angular) when its pursuit begins, and again when the request
+        has deviated.
 
         They do not turn with the remaining distance, because the TCP would then circle a request that it
         passes closely.
@@ -206,8 +210,8 @@ cdef class PoseLimiter:
         self, int part, const double* step, const double* own, const double* own_rate,
         double* move, double* speed, double* rate,
     ) noexcept nogil:
-        """Plan the linear or the angular part: the axes along and across the direction of motion, each on its
-        own.
+        """Plan the linear or the angular part: separately for each axis, along and across the direction of
+        motion.
         """
         cdef const double* axes = self.axes[part]
         cdef double ahead[9]
@@ -227,8 +231,8 @@ cdef class PoseLimiter:
         """Divide the limits of acceleration and jerk among the axes for the whole pursuit. The shares have
         norm 1.
 
-        Across the direction, the shares must suffice to stop the current motion and that in the frame of the
-        request, and to turn with the request.
+        Across the direction, the shares must suffice to stop the current motion, both in the base frame and
+        in the frame of the request, and to turn with the request.
         """
         cdef double* shares = self.shares[part]
         cdef const double* axis
@@ -278,7 +282,7 @@ cdef class PoseLimiter:
         self, const double* axis, double share, double max_velocity, int part,
         const double* step, const double* own, const double* own_rate, double* ahead,
     ) noexcept nogil:
-        """Plan one axis with its part of the limits: relative position, velocity and acceleration one period
+        """Plan one axis with its share of the limits: relative position, velocity and acceleration one period
         later. Returns whether there is a solution.
         """
         cdef double max_acceleration = SHARE * share * self.bounds[1][part]
@@ -288,7 +292,7 @@ cdef class PoseLimiter:
         state.velocity = _dot(axis, self.c_speed + 3 * part)
         state.acceleration = _dot(axis, self.c_acceleration + 3 * part)
         frame.position = _dot(axis, step)
-        # A step of the request gives its mean velocity in a period, which is the velocity half a period ago.
+        # A step of the request is its mean velocity over a period, which is the velocity half a period ago.
         frame.velocity = _dot(axis, own) + 0.5 * self.period_s * _dot(axis, own_rate)
         frame.velocity = clipped(frame.velocity, ALONG * max_velocity)
         frame.acceleration = clipped(_dot(axis, own_rate), ALONG * max_acceleration)
@@ -302,7 +306,7 @@ cdef class PoseLimiter:
         return True
 
     cdef bint _overruns(self, const double* pose, const double* velocity, const double* rate) noexcept nogil:
-        """Whether a TCP that continued with this pose could stop only outside the target range."""
+        """Whether a TCP that moved to this pose could stop only outside the target range."""
         cdef double low[6]
         cdef double high[6]
         cdef double ahead[9]
@@ -318,7 +322,7 @@ cdef class PoseLimiter:
         return False
 
     cdef double _stop_way(self, int part, double share, double speed, double rate) noexcept nogil:
-        """The distance in which an axis with this part of the limits comes to rest."""
+        """Return the distance in which an axis with this share of the limits comes to rest."""
         cdef double there[3]
         cdef Profile stop
         if not self._brake(part, share, speed, rate, 0.0, there, &stop):
@@ -328,13 +332,13 @@ cdef class PoseLimiter:
     cdef bint _brake(
         self, int part, double share, double speed, double rate, double time_s, double* there, Profile* stop
     ) noexcept nogil:
-        """Calculate the state after this time of an axis that brakes as fast as its part of the limits
-        permits. Returns whether there is a solution.
+        """Calculate the state of an axis that has decelerated for this time as fast as its share of the
+        limits permits. Returns whether there is a solution.
         """
         cdef Problem problem
         problem.position = problem.target_position = problem.target_velocity = 0.0
         problem.velocity, problem.acceleration = speed, rate
-        problem.min_velocity = problem.max_velocity = 0.0  # not used
+        problem.min_velocity = problem.max_velocity = 0.0  # not used in this problem
         problem.max_acceleration = share * self.bounds[1][part]
         problem.min_acceleration = -problem.max_acceleration
         problem.max_jerk = share * self.bounds[2][part]
@@ -346,11 +350,11 @@ cdef class PoseLimiter:
     cdef double _load(
         self, int part, const double* ahead, const double* low, const double* high, double* needs
     ) noexcept nogil:
-        """The share of the limits that is needed to stop within the bounds after a step, (3, 3); up to 1 it
-        is possible. Also calculates the share that each axis of the base frame needs on its own.
+        """Calculate the share of the limits that is needed to stop within the bounds after a step, (3, 3). Up
+        to 1, a stop is possible. Also calculates the share that each axis of the base frame needs by itself.
 
-        The growth of the stopping distance with half of the limits gives the power with which it depends on
-        the share.
+        From the stopping distance with half of the limits follows the power with which the distance depends
+        on the share.
         """
         cdef double way, half, room, total = 0.0
         cdef int i
@@ -369,8 +373,8 @@ cdef class PoseLimiter:
         return sqrt(total)
 
     cdef void _stay_within(self, int part, double* move, double* speed, double* rate) noexcept nogil:
-        """Take as large a part of a step as leaves the TCP able to stop within the target range. The rest of
-        the step brakes, most where there is least room.
+        """Make as large a part of a step as lets the TCP still stop within the target range. The rest of the
+        step decelerates, most where there is least room.
         """
         cdef double low[6]
         cdef double high[6]
@@ -388,12 +392,12 @@ cdef class PoseLimiter:
         memcpy(wanted + 6, rate, 3 * sizeof(double))
         if self._load(part, wanted, low + 3 * part, high + 3 * part, needs) <= 1.0:
             return
-        for i in range(3):  # An axis that is too late anyway takes nothing from the other axes.
+        for i in range(3):  # An axis that is too late in any case must not take anything from the other axes.
             weights[i] = fmin(fmax(needs[i], MIN_NEED), 1.0)
             if needs[i] > 1.0:
                 weights[i] = fmax(fmin(1.0, fabs(self.c_speed[3 * part + i]) / most_speed), MIN_NEED)
         self._find_brake(part, weights, stop)
-        # The share `least` of the braking is not enough, and `most` is, unless no share is.
+        # The share `least` of the deceleration is not enough; `most` is enough, unless no share is.
         for _half in range(HALVINGS):
             for i in range(9):
                 mixed[i] = wanted[i] + share * weights[i % 3] * (stop[i] - wanted[i])
@@ -411,8 +415,8 @@ cdef class PoseLimiter:
             rate[i] = wanted[6 + i] + most * weights[i] * (stop[6 + i] - wanted[6 + i])
 
     cdef void _find_brake(self, int part, const double* weights, double* ahead) noexcept nogil:
-        """Calculate one period of braking to rest, (3, 3). Each axis of the base frame has its share of the
-        limits.
+        """Calculate one period of decelerating to rest, (3, 3). Each axis of the base frame has its share of
+        the limits.
         """
         cdef double there[3]
         cdef double norm = _norm(weights)
@@ -450,7 +454,7 @@ cdef class PoseLimiter:
         quat_normalised(turned, self.c_pose + 3)
 
     cdef bint _within(self, const double* row, int order, double factor, double more) noexcept nogil:
-        """Whether both parts of a derivative are within the limits. False for NaN."""
+        """Whether both parts of a derivative (linear and angular) are within the limits. False for NaN."""
         return (
             _norm(row) <= factor * self.bounds[order][0] + more
             and _norm(row + 3) <= factor * self.bounds[order][1] + more
@@ -473,7 +477,9 @@ cdef inline double _norm(const double* v) noexcept nogil:
 
 
 cdef inline void _way(const double* start, const double* end, double* out) noexcept nogil:
-    """The difference between two poses: translation, m, and rotation vector, in the base frame."""
+    """Calculate the difference between two poses: translation, m, and rotation vector, rad, in the base
+    frame.
+    """
     cdef int i
     for i in range(3):
         out[i] = end[i] - start[i]
@@ -485,7 +491,9 @@ cdef inline double _dot(const double* a, const double* b) noexcept nogil:
 
 
 cdef inline void _look_along(const double* direction, const double* velocity, double* axes) noexcept nogil:
-    """Three axes, one per row: the first along the direction, the second across it, towards the velocity."""
+    """Calculate three axes, one per row: the first along the direction, the second perpendicular to it,
+    towards the velocity.
+    """
     cdef double norm = _norm(direction), along
     cdef int i, least = 0
     memset(axes, 0, 9 * sizeof(double))
@@ -511,7 +519,7 @@ cdef inline void _look_along(const double* direction, const double* velocity, do
 
 
 cdef inline void _spread(const double* speed, const double* rate, double* shares) noexcept nogil:
-    """Give each axis of the base frame the part of the limits, of norm 1, that it has in the motion."""
+    """Distribute the limits to the axes of the base frame in proportion to the motion, with norm 1."""
     cdef double most_speed = _norm(speed), most_rate = _norm(rate), norm
     cdef int i
     for i in range(3):

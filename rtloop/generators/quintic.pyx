@@ -9,19 +9,19 @@ from rtloop.generators.target_estimate cimport Estimate
 
 from rtloop.generators.online_trajectory import WINDOW_S
 
-# A quintic meets the stream this far ahead, if the stream continues as it is. A longer time needs less jerk
-# to correct the effects of a sender's noise.
+# A quintic meets the stream this far ahead, s, if the stream continues as it is. With a longer time, less
+# jerk is needed to correct the effects of a sender's noise.
 cdef double HORIZON_S = 0.2
 
 
 cdef class Quintic(Interpolator):
-    """Continuous up to the acceleration, from the current reference to the stream's future position.
+    """A reference that is continuous up to the acceleration, and leads to the stream's future position.
 
-    The reference reaches a single target at the end of the period. It meets a stream `HORIZON_S` ahead;
-    without noise it passes through each of the stream's targets on the way. Between two commands the limits
-    of acceleration and jerk are not enforced. If no command has arrived by the end of the period, the
-    reference continues the stream's motion for a grace period. Then it settles on the target as
-    `OnlineTrajectory` does.
+    The reference reaches a single target at the end of the period, and meets a stream `HORIZON_S` ahead.
+    Without noise, it passes through all of the stream's targets. Between two commands the limits of
+    acceleration and jerk are not enforced. If no command has arrived by the end of the period, the reference
+    continues the stream's motion for a grace period. Then it settles on the target, as `OnlineTrajectory`
+    does.
     """
 
     def __init__(self, int n, double period_s, max_velocity, max_acceleration, max_jerk):
@@ -77,8 +77,8 @@ cdef class Quintic(Interpolator):
     cdef void _settle(self) noexcept nogil:
         """Begin to move to rest at the last target.
 
-        The state is limited first, because an erratic stream may have led far beyond the limits, and the
-        return would take long.
+        The state is first limited, because an erratic stream may have led far beyond the limits, from where
+        the return would take long.
         """
         cdef int i, n = self.n
         self.estimate.c_forget()

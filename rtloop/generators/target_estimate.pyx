@@ -1,4 +1,4 @@
-"""Estimates velocity and acceleration of a stream of targets at its newest target."""
+"""Estimates the velocity and acceleration of a stream of targets at its newest target."""
 
 from libc.math cimport fmin, rint
 from libc.string cimport memmove
@@ -8,13 +8,15 @@ import numpy as np
 from cobot.arrays cimport doubles
 from rtloop.generators.interpolation cimport clipped, copy_row, plain
 
-cdef double CRUISE = 0.99  # Share of the limit at which a target is passed. The rest is for catching up.
+# Velocity at which a target is passed, as a share of the limit. The rest of the limit is for catching up.
+cdef double CRUISE = 0.99
 
 
 def fit(int count):
-    """Weights, shape (2, count), that give slope and curvature at the last of `count` equidistant values.
+    """Return the weights, shape (2, count), for the slope and curvature at the last of `count` evenly spaced
+    values.
 
-    They are those of the best-fitting parabola; with two values those of a line; with one value zero.
+    They are for the best-fitting parabola; with two values for a line; with one value they are zero.
     """
     powers = np.vander(np.arange(1.0 - count, 1.0), min(count, 3), increasing=True)
     weights = np.zeros((3, count))
@@ -23,7 +25,7 @@ def fit(int count):
 
 
 def _fits():
-    """The weights for each count: shape (MAX_TARGETS + 1, 2, MAX_TARGETS), zero beyond the count."""
+    """Return the weights for each count, shape (MAX_TARGETS + 1, 2, MAX_TARGETS), zero beyond the count."""
     table = np.zeros((MAX_TARGETS + 1, 2, MAX_TARGETS))
     for count in range(1, MAX_TARGETS + 1):
         table[count, :, :count] = fit(count)
@@ -44,11 +46,13 @@ cdef class Estimate:
         copy_row(self.max_acceleration, max_acceleration, self.n)
 
     cdef void c_forget(self) noexcept nogil:
-        """Begin a new stream. Its first target means rest."""
+        """Begin a new stream, which is at rest at its first target."""
         self.known = 0
 
     cdef void c_rebase(self, const double* target) noexcept nogil:
-        """Express the last target in other coordinates. Only the shift of the origin matters."""
+        """Replace the last target with its value in other coordinates. Only the shift of the origin
+        matters.
+        """
         cdef double shift
         cdef int i, row
         for i in range(self.n):
@@ -57,8 +61,8 @@ cdef class Estimate:
                 self.targets[row][i] += shift
 
     cdef void c_update(self, const double* target, const double* velocity, double duration_s) noexcept nogil:
-        """Add a target, one command period after the last; `velocity` is NULL or the velocity that the client
-        states.
+        """Add a target, one command period after the last one. `velocity` is NULL or the velocity stated by
+        the client.
         """
         cdef int window = max(3, <int>fmin(rint(self.window_s / duration_s) + 1.0, MAX_TARGETS))
         cdef int i, row, first

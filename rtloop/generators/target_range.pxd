@@ -7,9 +7,10 @@ cdef class TargetRange:
     cdef bint free  # Whether there are no bounds until the next begin.
     cdef double newest[MAX_DOF]
     cdef double still_s[MAX_DOF]
-    cdef double rise[MAX_DOF]  # Distance of the recent targets from their last low; older steps count less.
+    # Distance of the recent targets from their last minimum. Older steps have less weight.
+    cdef double rise[MAX_DOF]
     cdef double fall[MAX_DOF]
-    # The longest single step of this distance, which fades in the same way.
+    # The longest single step in this distance, which loses weight in the same way.
     cdef double longest_rise[MAX_DOF]
     cdef double longest_fall[MAX_DOF]
     cdef double c_low[MAX_DOF]

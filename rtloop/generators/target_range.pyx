@@ -15,16 +15,16 @@ FADING_S = 2.0
 STILL_S = 0.1
 STILL_PERIODS = 2.5
 
-cdef double ROUNDING = 1e-9  # rad: a smaller turn counts as none.
+cdef double ROUNDING = 1e-9  # rad; a smaller rotation is ignored.
 cdef double STILL_AFTER_S = STILL_S, STILL_AFTER_PERIODS = STILL_PERIODS
-# With a longer memory, faster steady streams are followed without a lag: a stream at 2 rad/s and 3 rad/s²
-# needs 0.73 rad to stop.
+# With a longer memory, faster steady streams can be followed without a lag. For example, a stream at 2 rad/s
+# and 3 rad/s² needs 0.73 rad to stop.
 cdef double FADING = FADING_S
 
 
 cdef inline void add_step(double step, double fade, double* way, double* longest) noexcept nogil:
-    """Add a step of the targets to their distance in one direction. The distance ends when they are back at
-    its start.
+    """Add a step of the targets to the distance that they have moved in one direction. It is reset when they
+    are back at their start.
     """
     way[0] = way[0] * fade + step
     longest[0] = fmax(longest[0] * fade, step)
@@ -39,11 +39,11 @@ cdef class TargetRange:
         self.c_open()
 
     cdef void c_expect(self, double command_s) noexcept nogil:
-        """Set the time in which the next target is due."""
+        """Set the time until the next target is due."""
         self.still_after_s = fmax(STILL_AFTER_S, STILL_AFTER_PERIODS * command_s)
 
     cdef void c_begin(self, const double* position) noexcept nogil:
-        """Begin a new stream here. The range begins with this position only."""
+        """Begin a new stream at this position, which is initially the whole range."""
         cdef int i
         self.since_s = 0.0
         self.free = False
@@ -61,7 +61,7 @@ cdef class TargetRange:
             self._open(i)
 
     cdef void c_open_at(self, const double* target) noexcept nogil:
-        """Remove the bounds, except for coordinates whose target stands still."""
+        """Remove the bounds, except those of coordinates whose target is not moving."""
         cdef int i
         self.since_s = 0.0
         for i in range(self.n):
@@ -76,7 +76,7 @@ cdef class TargetRange:
         self._forget(i)
 
     cdef void _forget(self, int i) noexcept nogil:
-        """Forget the distance so far, because it belongs to another motion."""
+        """Forget the distance so far, because it belongs to an earlier motion."""
         self.rise[i] = self.fall[i] = self.longest_rise[i] = self.longest_fall[i] = 0.0
 
     cdef void c_update(self, const double* target) noexcept nogil:
@@ -91,7 +91,7 @@ cdef class TargetRange:
                 self.still_s[i] = 0.0
             if self.free:
                 continue
-            if self.c_low[i] == -INFINITY:  # The sender no longer states a motion.
+            if self.c_low[i] == -INFINITY:  # because the sender no longer states a motion
                 self.c_low[i] = self.c_high[i] = before
             add_step(step, fade, &self.rise[i], &self.longest_rise[i])
             add_step(-step, fade, &self.fall[i], &self.longest_fall[i])
@@ -103,13 +103,13 @@ cdef class TargetRange:
                 self.c_high[i] = fmax(self.c_high[i], target[i])
 
     cdef void c_include(self, const double* target) noexcept nogil:
-        """Include a target that is known in advance. The reference may go as far as this target."""
+        """Include a target that is known in advance, so that the reference may go as far as this target."""
         cdef int i
         for i in range(self.n):
             self.c_low[i], self.c_high[i] = fmin(self.c_low[i], target[i]), fmax(self.c_high[i], target[i])
 
     cdef bint c_stands(self, int i, double target) noexcept nogil:
-        """Whether this is the newest target of a coordinate and stands still."""
+        """Whether this is the newest target of a coordinate and is not moving."""
         return target == self.newest[i] and self.still_s[i] >= self.still_after_s
 
     cdef void c_advance(self) noexcept nogil:
@@ -162,7 +162,7 @@ cdef class PoseRange:
         self.newest[3] = 1.0
 
     cdef void c_begin(self, const double* pose) noexcept nogil:
-        """Begin a new stream here."""
+        """Begin a new stream at this pose."""
         cdef double there[6]
         memcpy(self.newest, pose, 7 * sizeof(double))
         memcpy(there, pose, 3 * sizeof(double))
@@ -190,7 +190,7 @@ cdef class PoseRange:
         self.chart.c_advance()
 
     cdef bint c_stands(self, const double* pose) noexcept nogil:
-        """Whether this is the newest pose and stands still."""
+        """Whether this is the newest pose and is not moving."""
         cdef int i
         for i in range(7):
             if pose[i] != self.newest[i]:
@@ -201,8 +201,8 @@ cdef class PoseRange:
         return True
 
     cdef void c_room(self, const double* pose, double* low, double* high) noexcept nogil:
-        """The distance of a pose to the lower and upper bounds, (6,) each: m, and rad about the axes of the
-        base frame.
+        """Calculate the distance of a pose to the lower and upper bounds, (6,) each: m, and rad about the
+        axes of the base frame.
         """
         cdef double off[6]
         cdef int i

@@ -1,6 +1,6 @@
-"""Motion of the arm towards targets or moving requests, one period at a time, within the limits.
+"""Moves the arm towards targets or moving requests, one period at a time, within the limits.
 
-States are those of all joints, shape (3, dof): rad, rad/s, rad/s².
+States are of all joints, shape (3, dof): rad, rad/s, rad/s².
 """
 
 from libc.math cimport fabs, fmax, fmin, sqrt
@@ -14,15 +14,17 @@ from rtloop.generators.otg cimport (
 )
 from rtloop.generators.rates cimport Rates, take_rates
 
-# Share of the velocity limit at which a target is passed. At the limit itself there is no room for rounding.
+# Velocity at which a target is passed, as a share of the limit. At the limit itself there is no room for
+# rounding.
 cdef double TARGET_VELOCITY = 0.99
 # Share of the limits that the pursued request may use. The rest is for the pursuit.
 cdef double ALONG = 0.9
-cdef double ROUNDING = 1e-9  # rad/s and rad/s²: smaller rates count as rest.
-cdef double BOUND_RAD = 1e-7  # A stop at most this far beyond a bound counts as at the bound.
-cdef int AIMS = 8  # Each new target before a bound leaves less than half of the overshoot.
-# The pursuit of a moving request uses the first of these shares of the jerk limit that is quick enough. The
-# rest of the limit is for the request's own jerk.
+cdef double ROUNDING = 1e-9  # rad/s and rad/s²: up to these rates a joint is at rest.
+cdef double BOUND_RAD = 1e-7  # A stop no further than this beyond a bound is at the bound, rad.
+# Maximum number of attempts to stop at a bound. Each new target leaves less than half of the overshoot.
+cdef int AIMS = 8
+# The pursuit of a moving request uses the first of these shares of the jerk limit with which it is quick
+# enough. The rest of the limit is for the request's own jerk.
 cdef Ladder GENTLENESS
 GENTLENESS.count = 4
 GENTLENESS.share = [0.03, 0.1, 0.3, 0.6]
@@ -64,11 +66,11 @@ cdef class Tracker:
         return self.c_along(row, row + 3 * n, &rates, share, catch_up, low, NULL if low == NULL else low + n)
 
     def _copy(self, rows):
-        """Rows of all joints in a separate array, for compiled code."""
+        """Copy rows of all joints to a separate array, for compiled code."""
         return np.array(rows, dtype=np.float64, order="C").reshape(-1, self.dof)
 
     cdef bint c_brake(self, const double* state, const Rates* rates) noexcept nogil:
-        """Brake as fast as the limits permit. Returns whether the arm is at rest."""
+        """Decelerate as fast as the limits permit. Returns whether the arm is at rest."""
         cdef int joint, dof = self.dof
         cdef double* ahead = self.c_ahead
         cdef bint at_rest = True
@@ -76,7 +78,7 @@ cdef class Tracker:
             self._pose(joint, state, rates)
             if otg_velocity(&self.problem[joint], &self.profile[joint]) == OTG_OK:
                 self._step(joint)
-            else:  # There may be no profile for numbers close to zero.
+            else:  # numbers close to zero, for which there may be no profile
                 ahead[joint] = state[joint]
                 ahead[dof + joint] = ahead[2 * dof + joint] = 0.0
             at_rest = at_rest and fabs(ahead[dof + joint]) <= ROUNDING
@@ -90,9 +92,9 @@ cdef class Tracker:
         self, const double* state, const double* target, const double* velocity, const Rates* rates,
         const double* max_velocity, const double* lowest, const double* highest,
     ) noexcept nogil:
-        """Move towards a target, to arrive with this velocity or a lower one.
+        """Move towards a target, to arrive there with this velocity or a lower one.
 
-        The arrival velocity is limited to one that can be reached on the way, so that no joint moves back for
+        The arrival velocity is reduced to one that can be reached on the way, so that no joint moves back for
         a run-up.
         """
         cdef int joint
@@ -113,7 +115,8 @@ cdef class Tracker:
         if not self._reach():
             self.c_brake(state, rates)
             return
-        if passes and self._leaves(lowest, highest):  # A short run-up, because the jerk is too small.
+        # The motion would need a short run-up, because the jerk is too small.
+        if passes and self._leaves(lowest, highest):
             for joint in range(self.dof):
                 self.problem[joint].target_velocity = 0.0
             if not self._reach():
@@ -126,9 +129,10 @@ cdef class Tracker:
         self, const double* state, const double* request, const Rates* rates, double share, double catch_up,
         const double* low, const double* high,
     ) noexcept nogil:
-        """Move towards a moving request. In a frame that moves with it, the difference goes to zero.
+        """Move towards a moving request: reduce the difference to zero in a frame that moves with the
+        request.
 
-        low, high: positions between which each joint must be able to stop afterwards, or NULL.
+        `low` and `high` are the positions between which each joint must be able to stop afterwards, or NULL.
         """
         cdef int joint, dof = self.dof
         cdef double* ahead = self.c_ahead
@@ -168,8 +172,8 @@ cdef class Tracker:
         return True
 
     cdef bint _overshoots_bound(self, int joint, Motion frame, double low, double high) noexcept nogil:
-        """Whether a joint that stops gently at a bound would overshoot it. The joint would then brake too
-        hard against an overshoot that is already planned, and swing back.
+        """Whether a joint that stops gently at a bound would overshoot it. The joint would then decelerate
+        too hard because of an overshoot that is part of the plan, and swing back.
         """
         return (
             not low < frame.position < high
@@ -199,10 +203,11 @@ cdef class Tracker:
     cdef void _stop_at_bound(
         self, int joint, const double* state, const Rates* rates, double share, double bound
     ) noexcept nogil:
-        """Plan a joint's motion to rest at a bound, with the full limits. If there is none, the joint brakes.
+        """Plan a joint's motion to rest at a bound, with the full limits. If there is none, the joint
+        decelerates.
 
-        A late joint that would stop beyond the bound brakes harder from now on: its target is moved back by
-        the overshoot.
+        If the joint is late and would stop beyond the bound, its target is moved back by the overshoot, so
+        that it decelerates harder.
         """
         cdef Problem* problem = &self.problem[joint]
         cdef double beyond = 0.0
@@ -224,7 +229,7 @@ cdef class Tracker:
         self._step(joint)
 
     cdef double _beyond(self, int joint, double bound) noexcept nogil:
-        """The overshoot of a joint's motion beyond both a bound and the joint's position; negative
+        """Return the overshoot of a joint's motion beyond both a bound and the joint's position; negative
         downwards.
         """
         cdef double position = self.problem[joint].position
@@ -233,7 +238,9 @@ cdef class Tracker:
         return fmax(extrema[1] - fmax(bound, position), 0.0) + fmin(extrema[0] - fmin(bound, position), 0.0)
 
     cdef void _pose(self, int joint, const double* state, const Rates* rates) noexcept nogil:
-        """Fill in the problem of a joint from its state to rest. The caller sets position and velocities."""
+        """Set up the problem of a joint's motion from its state to rest. The caller sets the target position
+        and the velocity limits.
+        """
         cdef Problem* problem = &self.problem[joint]
         problem.position, problem.velocity = state[joint], state[self.dof + joint]
         problem.acceleration = state[2 * self.dof + joint]

@@ -3,7 +3,7 @@ from libc.stdint cimport int64_t, uint64_t
 from cobot.ipc.seqlock cimport SharedCounter
 from rtloop.inboxes.stream cimport Inbox
 
-cdef enum Request:  # bits of what `c_poll_requests` returns
+cdef enum Request:  # bits of the result of `c_poll_requests`
     STOP = 1
     ESTOP = 2
     FAST = 4
@@ -20,16 +20,17 @@ cdef class CommandInbox:
     cdef readonly unsigned long long stops
     cdef readonly unsigned long long estops
     cdef readonly unsigned long long command_seen
-    cdef unsigned long long _torn  # torn reads of commands, and those that an earlier rtloop has counted
+    # number of torn reads of commands, including those counted by an earlier rtloop
+    cdef unsigned long long _torn
     cdef long long _beat_ns
     cdef unsigned long long _newest
     cdef int _unreadable
-    cdef uint64_t _service_stops  # count of the service, from the last readable state
+    cdef uint64_t _service_stops  # the service's count of stops, from its last readable block
     cdef uint64_t _service_estops
     cdef uint64_t* _counted_stops
     cdef uint64_t* _counted_estops
     cdef uint64_t* _counted_fast
-    cdef uint64_t _fast  # stops of category 1
+    cdef uint64_t _fast  # number of stops of category 1
     cdef int64_t* _beat
     cdef uint64_t* _newest_id
 

@@ -10,19 +10,21 @@ from cobot.ipc.shm import encoded
 from rtloop.results import Accepted, Rejected
 
 UNREADABLE_CYCLES = 100
-"""Number of attempts after which a command is dropped. Its writer has then died while writing it."""
+"""Number of attempts to read a command after which it is dropped. Its writer must have died while writing
+it.
+"""
 
-# No clock reaches this value, and differences of smaller ones cannot overflow.
+# No clock reaches this value, and differences of smaller values cannot overflow.
 cdef long long FAR_NS = 1LL << 62
 
 
 cdef class CommandInbox:
-    """Reads requests, heartbeat and commands. While they do not change, this costs almost nothing.
+    """Reads requests, the heartbeat and commands. Takes almost no time while they do not change.
 
     Real-time safe. An inconsistent (torn) read is counted and repeated in the next cycle.
 
     Attributes:
-        stops, estops: numbers of requests read so far, from the service and from outside.
+        stops, estops: numbers of requested stops and e-stops read so far, from the service and from outside.
         command_seen: number of the last command that was read.
         torn_reads: number of inconsistent reads.
     """
@@ -45,7 +47,7 @@ cdef class CommandInbox:
         self._torn = int(last["torn_reads"])
         self._fast = self._counted_fast[0] if self._requests.block.c_try_read() else 0
         self._outside_stops, self._outside_estops = memory.outside_stops, memory.outside_estops
-        # Until the service's counters can be read, they count as unchanged.
+        # Until the service's counters can be read, they are assumed to be unchanged.
         self._service_stops = self.stops - self._outside_stops.c_value()
         self._service_estops = self.estops - self._outside_estops.c_value()
 
@@ -54,16 +56,16 @@ cdef class CommandInbox:
         return self.c_torn_reads()
 
     def poll_requests(self):
-        """Whether a stop, and whether an e-stop, was requested since the last call."""
+        """Return whether a stop and whether an e-stop has been requested since the last call."""
         cdef int asked = self.c_poll_requests()
         return bool(asked & STOP), bool(asked & ESTOP)
 
     def service_silence_s(self, long long now_ns):
-        """Time since the last heartbeat of the service, s."""
+        """Return the time since the service's last heartbeat, s."""
         return self.c_service_silence_s(now_ns)
 
     def next_command(self):
-        """The next command, or None. It counts as read once it is acknowledged."""
+        """Return the next command, or None. The same command is returned until it is acknowledged."""
         if not self.c_has_command():
             return None
         number = max(self.command_seen + 1, int(self._newest) - RING + 1)
@@ -79,8 +81,8 @@ cdef class CommandInbox:
         return None
 
     def refuse_pending(self, reason):
-        """Reject a command that was sent to an earlier rtloop, which has died. It was based on the arm's
-        position then.
+        """Reject a command that was sent to an earlier rtloop, which has died, because it was based on the
+        arm's position at that time.
         """
         if self._head.block.c_try_read():
             newest = int(self._newest_id[0])
@@ -97,7 +99,7 @@ cdef class CommandInbox:
         ack.c_publish()
 
     def answer(self, number, result):
-        """Acknowledge a command with its result. `Later` sends no acknowledgement yet."""
+        """Acknowledge a command with its result. If the result is `Later`, no acknowledgement is sent yet."""
         if isinstance(result, Rejected):
             self.acknowledge(number, Ack.REJECTED, result.reason)
         elif isinstance(result, Accepted):
@@ -107,7 +109,7 @@ cdef class CommandInbox:
         cdef int asked = 0
         cdef uint64_t stops, estops, fast
         if self._requests.c_take_news():
-            # A service whose counters were damaged counts fast stops from 0 again. These are not new stops.
+            # If its counters were damaged, a service counts fast stops from 0 again. These are not new stops.
             fast = self._counted_fast[0] - self._fast
             if 0 < fast <= self._counted_stops[0] - self._service_stops:
                 asked |= FAST
@@ -127,7 +129,7 @@ cdef class CommandInbox:
             self._beat_ns = self._beat[0]
         if -FAR_NS < self._beat_ns < FAR_NS:
             return <double>(now_ns - self._beat_ns) * 1e-9
-        return (<double>now_ns - <double>self._beat_ns) * 1e-9  # a value of a faulty writer
+        return (<double>now_ns - <double>self._beat_ns) * 1e-9  # a faulty writer's value may be anything
 
     cdef bint c_has_command(self) noexcept nogil:
         cdef int news = self._head.c_look()

@@ -14,8 +14,8 @@ cdef struct ServoPoint:  # see `cobot.ipc.layout.point_dtype`
 cdef class PointQueue:
     cdef Inbox _head
     cdef list _points
-    cdef Block _point  # the private copy of the point read last
-    cdef Mapped* _places  # places of the ring's points; all have `_point` as their private copy
+    cdef Block _point  # private copy of the last point read
+    cdef Mapped* _places  # locations of the ring's points, all with `_point` as their private copy
     cdef int _dof
     cdef unsigned long long _session
     cdef readonly unsigned long long newest

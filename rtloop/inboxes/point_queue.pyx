@@ -1,4 +1,6 @@
-"""The points of a servo session, in the order in which the service has written them into shared memory."""
+"""Reads the points of a servo session, in the order in which the service has written them to shared
+memory.
+"""
 
 from libc.stdint cimport uint64_t
 from libc.stdlib cimport calloc, free
@@ -11,8 +13,8 @@ from rtloop.inboxes.stream cimport Inbox
 from cobot.ipc import layout
 
 UNREADABLE_CYCLES = 100
-"""Number of attempts after which a point is dropped. Its writer has then died while writing it, or another
-writer is out of control.
+"""Number of attempts to read a point after which it is dropped. Its writer must have died while writing it,
+or another writer is out of control.
 """
 
 cdef int _unreadable_cycles = UNREADABLE_CYCLES
@@ -23,7 +25,7 @@ cdef class PointQueue:
     """Reads the ring of points. Real-time safe.
 
     Attributes:
-        newest: the number of the newest point.
+        newest: number of the newest point.
         seen: number of the last read point.
         lost: number of points that could not be read.
         torn_reads: number of inconsistent reads.
@@ -53,17 +55,19 @@ cdef class PointQueue:
         return self.c_waiting()
 
     def begin(self, unsigned long long session):
-        """Read only points of this session from now on."""
+        """From now on, read only points of this session."""
         self._session = session
         self.newest = self.seen = self.lost = 0
         self._unreadable = 0
 
     def poll(self):
-        """Whether there are new points."""
+        """Return whether there are new points."""
         return self.c_poll()
 
     def next(self):
-        """The next point, valid until the next call; None if there is none, or if it cannot be read now."""
+        """Return the next point, valid until the next call; None if there is none or it cannot be read
+        now.
+        """
         return self._point.data if self._next() else None
 
     cdef bint c_poll(self) noexcept nogil:
@@ -73,7 +77,7 @@ cdef class PointQueue:
             return False
         newest = self._head_number[0]
         room = self.seen + POINTS
-        if newest > room:  # A number beyond the ring's size comes from a faulty writer.
+        if newest > room:  # a number beyond the ring's size is from a faulty writer
             newest = room
         arrived = newest > self.newest
         if arrived:
@@ -111,7 +115,7 @@ cdef class PointQueue:
         return False
 
     cdef int _take_places(self) except -1:
-        """Find the places of the points. All points share one private copy, which stays in the caches."""
+        """Find the locations of the points. All points share one private copy, which stays in the caches."""
         cdef Block first = self._points[0], each
         self._point = Block(bytearray(Block.size(first.data.dtype)), 0, first.data.dtype, "servo point")
         cdef Block own = self._point

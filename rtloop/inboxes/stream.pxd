@@ -9,7 +9,7 @@ cdef class Inbox:
     cdef readonly bint readable
     cdef readonly long long torn_reads
 
-    cdef int c_look(self) noexcept nogil  # 1: there is news, 0: there is none, -1: it could not be read
+    cdef int c_look(self) noexcept nogil  # 1: new data; 0: none; -1: it could not be read
     cdef bint c_take_news(self) noexcept nogil
 
 

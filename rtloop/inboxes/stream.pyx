@@ -10,7 +10,7 @@ from rtloop.results import Rejected
 
 
 cdef class Inbox:
-    """A block that another process writes. It is read when it has changed. Real-time safe.
+    """A block that another process writes, and that is read when it has changed. Real-time safe.
 
     Attributes:
         readable: whether `data` is complete; if not, the next cycle tries again.
@@ -19,7 +19,7 @@ cdef class Inbox:
 
     def __init__(self, Block block not None):
         self.block = block
-        self._sequence = 1  # An odd counter never belongs to a complete read.
+        self._sequence = 1  # not yet read, because no complete read has an odd counter
         self.readable = True
 
     @property
@@ -27,7 +27,7 @@ cdef class Inbox:
         return self.block.data
 
     def take_news(self):
-        """Read the block if it has changed. Returns whether there are new data, which are then in `data`."""
+        """Read the block into `data` if it has changed. Returns whether there is new data."""
         return self.c_take_news()
 
     cdef int c_look(self) noexcept nogil:
@@ -63,7 +63,7 @@ cdef class StreamInbox:
         self._open = self.session.block.c_unsigned("open")
         self._counted_estops = self._requests.block.c_unsigned("estops")
         self._estops = int(memory.stream_requests.salvage()["estops"])
-        # A session that is already open was requested from the rtloop that has died.
+        # A session that is already open was requested from an earlier rtloop, which has died.
         self.session_seen = int(memory.session.salvage()["number"])
 
     @property
@@ -72,19 +72,19 @@ cdef class StreamInbox:
 
     @property
     def finishes(self):
-        """Whether the session is to end after its last point."""
+        """Whether the session must end after its last point."""
         return self.c_finishes()
 
     def asks(self):
-        """Whether a client requests a new session, which `session` describes."""
+        """Whether a client is requesting a new session, which `session` describes."""
         return self.c_asks()
 
     def wants(self, unsigned long long number):
-        """Whether the client still wants this session, as far as this can be read."""
+        """Whether the client still wants this session. True if its request cannot be read."""
         return self.c_wants(number)
 
     def take_estop(self):
-        """Whether an e-stop was requested since the last call."""
+        """Return whether an e-stop has been requested since the last call."""
         return self.c_take_estop()
 
     def answer(self, result):

@@ -3,7 +3,7 @@ from cobot.robot.chain cimport Chain
 
 cdef class CycleCondition:
     cdef readonly bint active
-    cdef readonly double value  # as evaluated last
+    cdef readonly double value  # value at the last evaluation
     cdef int _quantity, _joint, _dof
     cdef bint _edge, _in_tool, _directed, _zeroed, _outside
     cdef double _low, _high, _from_s, _to_s

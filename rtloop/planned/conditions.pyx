@@ -1,4 +1,4 @@
-"""A condition of a motion. It is evaluated in the cycles in which it is active; see
+"""A condition of a motion, which is evaluated in each cycle while it is active; see
 `cobot.motions.signals`.
 """
 
@@ -20,7 +20,9 @@ cdef int JOINT = Quantity.JOINT
 
 
 cdef class CycleCondition:
-    """A condition in the cycle. Real-time safe, except for inputs of a device that is called in Python."""
+    """A condition that the cycle evaluates. Real-time safe, except for inputs of a device that is called in
+    Python.
+    """
 
     def __init__(self, Chain chain, read):
         """
@@ -68,8 +70,8 @@ cdef class CycleCondition:
         self.active = True
 
     def continue_with(self, record):
-        """Continue with the same condition between other path times, keeping its zero and its edge; or set a
-        new one.
+        """Continue with the same condition between other path times, and keep its zero and its edge; or set a
+        new condition.
 
         Raises:
             ValueError: see `set`.
@@ -86,7 +88,7 @@ cdef class CycleCondition:
         self._from_s, self._to_s = times_s
 
     def holds(self, measured):
-        """Whether the condition is met for `rtloop.backends.Measured.values`."""
+        """Return whether the condition is met for `rtloop.backends.Measured.values`."""
         return self.c_holds(doubles(measured, count_measured(self._dof)))
 
     cdef bint c_watches(self, double path_time_s) noexcept nogil:
@@ -94,8 +96,8 @@ cdef class CycleCondition:
         return self.active and self._from_s <= path_time_s <= self._to_s
 
     cdef bint c_holds(self, const double* measured) except -1:
-        """Evaluate the condition. The first call stores the zero of a force, and the first value for an
-        edge.
+        """Evaluate the condition. The first call stores the zero of a force and, for an edge, the first
+        value.
         """
         cdef bint inside
         if self._quantity == INPUT:
@@ -114,7 +116,7 @@ cdef class CycleCondition:
         return inside
 
     cdef void c_relative(self, const double* measured, double* wrench6) noexcept nogil:
-        """Force and torque at the TCP, minus the zero if this condition has one."""
+        """Calculate the force and torque at the TCP, minus the zero if this condition has one."""
         cdef const double* wrench = measured + MEASURED_ROWS * self._dof
         cdef bint has_zero = self._zeroed and self._quantity != INPUT and self._quantity != JOINT
         cdef int axis

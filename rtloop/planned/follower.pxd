@@ -7,7 +7,7 @@ cdef enum Way:
     # The progress on the path.
     UNDER_WAY = 0
     DONE = 1  # At the end, or at rest after a stop.
-    NO_ROOM = 2  # The path leaves no room to come to rest on it.
+    NO_ROOM = 2  # The path has no room left to stop on it.
 
 
 cdef class PathFollower:

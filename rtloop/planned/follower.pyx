@@ -1,4 +1,4 @@
-"""The execution of a planned motion: the position on its path in each cycle.
+"""Executes a planned motion: calculates the position on its path in each cycle.
 
 Most devices get a position in each cycle. A device that executes motions itself gets the whole path, and
 reports its progress.
@@ -14,8 +14,8 @@ from cobot.ipc.layout import MotionResult
 from rtloop.backends import MovesByItself
 from rtloop.results import ACCEPTED, Rejected
 
-# Time ahead on the path at which the fence of a motion is checked, s. The arm can stop within this time at
-# any speed.
+# How far ahead on the path the fence of a motion is checked, s. The arm can stop within this time at any
+# speed.
 cdef double FENCE_AHEAD_S = 0.5
 
 
@@ -24,12 +24,12 @@ cdef class PathFollower:
 
     Attributes:
         path, clock, watch: the path, the progress along it, and the check of its fence.
-        by_itself: whether the device executes the path itself. Never changes.
+        by_itself: whether the device executes the path itself; constant.
         left: whether the arm has left the path in order to stop off it.
     """
 
     def __init__(self, model, capacity, period_s, backend, desired):
-        """desired: array for the result, shape (3, dof): rad, rad/s, rad/s²."""
+        """desired: the array for the result, shape (3, dof): rad, rad/s, rad/s²."""
         limits = model.limits
         self.path = Path(capacity, limits.dof)
         self.clock = PathClock(limits, period_s)
@@ -49,10 +49,10 @@ cdef class PathFollower:
             self._mover.begin(times_s.copy(), coefficients.copy(), self.clock.share)
 
     def check_continuation(self, Path path not None, double offset_s):
-        """Check whether the arm can continue with another path, which begins at a path time of this one.
+        """Check that the arm can continue with another path, which begins at a path time of this one.
 
-        Both must be equal at the arm's place, and as far ahead as the current change of the rate relies on
-        the path.
+        Both must be equal at the arm's current place, and as far ahead as the current change of the rate
+        relies on the path.
         """
         cdef double here_s = self.clock.path_time_s - offset_s
         if not path.c_continues(self.path, offset_s, here_s, self.clock.c_committed_s() - offset_s):
@@ -67,33 +67,31 @@ cdef class PathFollower:
         self.clock.c_shift(offset_s)
 
     def slow_down(self):
-        """Come to rest on the path."""
+        """Begin to stop on the path."""
         if self.by_itself:
             self._mover.halt()
         else:
             self.clock.c_request(0.0)
 
     def is_halted(self):
-        """Whether the device is stopping because this was requested."""
+        """Return whether the device is stopping as requested."""
         return self._mover.is_halted()
 
     def place(self):
-        """Set the result to the place on the path that the device reports, with zero velocity as far as is
-        known.
-        """
+        """Set the result to the place on the path that the device reports, with zero velocity."""
         self.clock.path_time_s = max(self.clock.path_time_s, self._mover.done_s())
         self.path.c_evaluate(self.clock.path_time_s, self.clock.rate, 0.0, self._desired)
         memset(self._desired + self._dof, 0, 2 * self._dof * sizeof(double))
 
     def result(self):
-        """The result of a motion that has settled."""
+        """Return the result of a motion that has settled."""
         if self.left:
             return MotionResult.STOPPED_ASIDE
         at_end = self.clock.path_time_s >= self.path.duration_s
         return MotionResult.ARRIVED if at_end else MotionResult.STOPPED
 
     cdef Way c_follow(self, bint stopping) noexcept nogil:
-        """Advance along the path, until its end or until it has come to rest."""
+        """Advance along the path, until its end or until the arm is at rest on it."""
         self.clock.c_advance(self.path)
         if stopping and self.clock.c_stuck():
             return NO_ROOM
@@ -109,8 +107,8 @@ cdef class PathFollower:
         return DONE if self.clock.path_time_s >= self.path.duration_s else UNDER_WAY
 
     cdef bint c_leaves_fence(self, double* place4) noexcept nogil:
-        """Whether the path leaves the motion's fence within the distance that is needed to stop, or already
-        has. If so, gives the place and the speed there.
+        """Whether the path leaves the motion's fence within the distance that is needed to stop, or has
+        already left it. If so, `place4` is set to the place and the speed there.
         """
         cdef double rows[3 * MAX_DOF]
         cdef Py_ssize_t index = self.path.index

@@ -4,7 +4,7 @@ from rtloop.planned.path cimport Path
 cdef enum Load:
     NO_LOAD = 0
     START = 1  # Begin a motion.
-    REPLACEMENT = 2  # Continue the current motion with it.
+    REPLACEMENT = 2  # Continue the current motion on it.
 
 
 cdef class Handover:

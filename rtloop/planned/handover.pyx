@@ -6,19 +6,19 @@ from rtloop.planned.loading import load
 from rtloop.results import LATER, Rejected
 
 _WHOLE = object()
-# Largest distance of a motion's start from the commanded position. Planning rounds, and the safety layer
-# smooths.
+# Maximum distance of a motion's start from the commanded position. It allows for rounding by the planner and
+# smoothing by the safety layer.
 START_TOLERANCE_RAD = 1e-3
 
 
 cdef class Handover:
-    """Loads one trajectory at a time into a separate path, a piece in each cycle. Real-time safe.
+    """Loads one trajectory at a time into a separate path, one piece per cycle. Real-time safe.
 
     Attributes:
-        load: whether it is loading, and for which purpose; `begin_start`, `begin_replacement` and `end`
-            change it.
+        load: whether a trajectory is being loaded, and for which purpose; `begin_start`, `begin_replacement`
+            and `end` change it.
         path: the path into which it loads. It is complete once `step` has returned True.
-        number: number of the command that requests it.
+        number: number of the command that requested it.
         motion_id, slot: the motion that is loaded, and its slot.
         offset_s: path time of the current motion at which a replacement begins.
     """
@@ -39,7 +39,7 @@ cdef class Handover:
         return self._begin(START, command, position, position, 0.0)
 
     def begin_replacement(self, command, position, offset_s):
-        """Begin to load the continuation of the current motion from a path time on."""
+        """Begin to load a trajectory that replaces the current one from a path time on."""
         return self._begin(REPLACEMENT, command, position, None, offset_s)
 
     def _begin(self, Load kind, command, position, start, offset_s):
@@ -58,7 +58,7 @@ cdef class Handover:
         return LATER
 
     def step(self):
-        """Load a piece. Returns whether it was the last one.
+        """Load one piece. Returns whether it was the last one.
 
         Raises:
             RefusedError: the trajectory is invalid.
@@ -66,7 +66,7 @@ cdef class Handover:
         return next(self._loader, _WHOLE) is _WHOLE
 
     def end(self):
-        """End the loading, with any result. Returns the number of its command."""
+        """End the loading, whatever its result. Returns the number of its command."""
         self._loader, self.load = None, NO_LOAD
         return self.number
 
@@ -79,6 +79,6 @@ cdef class Handover:
         return self._slots[self.slot].head.data["signals"]
 
     def swap(self, Path path not None):
-        """Return the loaded path, and take the previous path for the next loading."""
+        """Return the loaded path, and keep the previous path for the next trajectory."""
         loaded, self.path = self.path, path
         return loaded

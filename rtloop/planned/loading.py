@@ -15,19 +15,19 @@ from rtloop.planned.path import Path
 from rtloop.safety.limiter import POSITION_TOLERANCE_RAD
 
 PIECE_TIMES = 4096
-"""Number of breakpoints that are copied and checked in one cycle. They take fewer bytes than the segments
-that are copied in one cycle.
+"""Number of breakpoints that are copied and checked in one cycle. They are fewer bytes than the segments that
+are copied in one cycle.
 """
 PLACES = np.linspace(0.0, 1.0, 9)
-"""Points of a segment, as shares of its duration. After the fast check `Path.stays_within` has failed, the
-positions there are evaluated for the error message.
+"""Points of a segment, as shares of its duration. If the fast check `Path.stays_within` fails, the positions
+at these points are evaluated for the error message.
 """
 REST_TOLERANCE = 1e-3
 """Maximum velocity (rad/s) and acceleration (rad/s²) at the start and at the end of a motion."""
 
 
 class RefusedError(Exception):
-    """Raised if a trajectory in shared memory is invalid. Its text gives the reason."""
+    """Raised if a trajectory in shared memory is invalid. The text gives the reason."""
 
 
 def load(
@@ -35,17 +35,17 @@ def load(
 ) -> Iterator[None]:
     """Copy a slot into a path and verify it, one piece per step of the generator. Real-time safe.
 
-    A motion that replaces a running one is loaded in fewer steps, because the arm meanwhile approaches the
-    point of the change. The first segments are copied in the same step as the last breakpoints, and the last
-    checks are made in the same step as the last segments.
+    To save cycles, the first segments are copied in the same step as the last breakpoints, and the last
+    checks are made in the same step as the last segments. This matters for a replacement, because the arm is
+    approaching the point of the change.
 
     All positions are checked in advance. Excessive velocities and accelerations can be detected during the
-    motion, but it may be too late to stop when the arm is at a joint limit.
+    motion, but at a joint limit it may be too late to stop.
 
     Args:
         start: joint positions at which the motion must begin at rest, shape (dof,), rad. None if the caller
             ensures this.
-        limits: position limits that no motion may leave.
+        limits: the position limits that no motion may exceed.
 
     Raises:
         RefusedError: the trajectory is invalid. Any step may raise it.
@@ -93,7 +93,7 @@ def _read_head(path: Path, slot: Slot, motion_id: int) -> int:
 
 
 def _refuse_positions(piece: Array, times_s: Array, limits: JointLimits) -> None:
-    """Raise a RefusedError that names the joint farthest beyond its limits."""
+    """Raise a RefusedError that names the joint furthest beyond its limits."""
     powers = (np.diff(times_s)[:, None, None] * PLACES[:, None]) ** np.arange(ORDER)  # segment, place, power
     positions = np.matmul(powers, piece.transpose(0, 2, 1))  # segment, place, joint
     beyond = np.maximum(positions - limits.max_position, limits.min_position - positions)
@@ -108,7 +108,7 @@ def _refuse_positions(piece: Array, times_s: Array, limits: JointLimits) -> None
 
 
 def _check_ends(path: Path, start: Array | None, tolerance_rad: float) -> None:
-    """Check that both ends are at rest and that the motion starts at the arm's position."""
+    """Check that the motion is at rest at both ends and starts at the arm's position."""
     found = np.zeros((3, path.coefficients.shape[1]))
     ends = {"end": path.duration_s} if start is None else {"end": path.duration_s, "start": 0.0}
     for where, path_time_s in ends.items():

@@ -1,7 +1,7 @@
 cdef enum:
     ORDER = 6  # Coefficients of a quintic.
-    # Maximum number of breakpoints that a stop checks. If they are closer together, the path is smooth
-    # between them.
+    # Maximum number of breakpoints that are checked for a stop. If there are more, they are so close together
+    # that the path is smooth between them.
     MAX_BREAKPOINTS = 24
 
 

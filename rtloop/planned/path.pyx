@@ -8,7 +8,7 @@ import numpy as np
 from cobot.arrays cimport checked_dof, doubles
 
 cdef enum:
-    PARTS = 8  # Number of parts of a segment. The positions at their ends are checked.
+    PARTS = 8  # Number of parts of a segment at whose ends the position is checked.
 
 
 cdef class Path:
@@ -80,7 +80,7 @@ cdef class Path:
         return True
 
     cdef void c_evaluate(self, double path_time_s, double rate, double slope, double* out) noexcept nogil:
-        """The joints at a path time that is not before the last one: P, P' r and P'' r² + P' r'."""
+        """Evaluate the joints at a path time that is not before the last one: P, P' r and P'' r² + P' r'."""
         cdef int joint
         cdef double u, first, second
         cdef double* c
@@ -95,7 +95,7 @@ cdef class Path:
             out[2 * self.dof + joint] = second * (rate * rate) + first * slope
 
     cdef void c_sample(self, double path_time_s, double* out) noexcept nogil:
-        """First to third derivative at a path time, shape (3, dof); at rest past the end."""
+        """Calculate the first to third derivative at a path time, shape (3, dof); zero beyond the end."""
         cdef int joint
         cdef double inside = fmin(path_time_s, self.duration_s), u
         cdef Py_ssize_t segment = self._breakpoints_before(inside, True) - 1
@@ -109,8 +109,8 @@ cdef class Path:
             out[2 * self.dof + joint] = _third(c, u) if path_time_s < self.duration_s else 0.0
 
     cdef bint c_continues(self, Path old, double offset_s, double from_s, double until_s) noexcept nogil:
-        """Whether this path, from one of its path times to another, equals `old` at times that are later by
-        the offset, bit for bit.
+        """Whether this path, between two of its path times, equals `old` bit for bit at times that are later
+        by the offset.
         """
         cdef Py_ssize_t here = max(self._breakpoints_before(from_s, True) - 1, 0), there
         cdef size_t piece = self.dof * ORDER
@@ -119,7 +119,7 @@ cdef class Path:
         if here >= self.segments:
             return False
         there = max(old._breakpoints_before(mine[here] + offset_s, False) - 1, 0)
-        # because the sum above was rounded
+        # because the sum above is rounded
         while there < old.segments and olds[there] - offset_s < mine[here]:
             there += 1
         while there < old.segments and olds[there] - offset_s == mine[here]:
@@ -147,7 +147,7 @@ cdef class Path:
         return count
 
     cdef Py_ssize_t _breakpoints_before(self, double path_time_s, bint including) noexcept nogil:
-        """The number of breakpoints before a path time, optionally including those exactly at it."""
+        """Return the number of breakpoints before a path time, optionally including those exactly at it."""
         cdef Py_ssize_t low = 0, high = self.segments + 1, middle
         cdef double found
         while low < high:
@@ -182,7 +182,7 @@ cdef inline double _third(const double* c, double u) noexcept nogil:
 
 
 cdef inline double _reach(const double* c, double u) noexcept nogil:
-    """A fast upper bound of the distance from the segment's start to u."""
+    """Return a fast upper bound of the distance from the segment's start to u."""
     return u * (
         fabs(c[1]) + u * (fabs(c[2]) + u * (fabs(c[3]) + u * (fabs(c[4]) + u * fabs(c[5]))))
     )

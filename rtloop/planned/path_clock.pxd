@@ -4,25 +4,25 @@ from rtloop.generators.rates cimport Rates
 from rtloop.planned.path cimport Path
 
 
-cdef struct Place:  # A place on a candidate: the path time, the rate and its first two derivatives.
+cdef struct Place:  # A place on a candidate profile: the path time, the rate and its first two derivatives.
     double path_time_s, rate, slope, bend
 
 
 cdef class PathClock:
     cdef readonly double path_time_s, rate, rate_slope, target_rate, share
     cdef double asked_rate  # the requested rate, before it is scaled
-    # target of the next profile: the requested rate, or a lower one on the way from rest to it
+    # target of the next profile: the requested rate, or a lower one on the way there from rest
     cdef double aim
     cdef int dof
     cdef double period_s, patience_s
     cdef Rates rates
     cdef Profile profile, candidate
-    # target rate of the profile, and time since its start; a negative time: there is no profile
+    # target rate of the active profile, and time since its start; negative without a profile
     cdef double profile_target, profile_s
     cdef bint pending, held, urgent
     cdef int rung, failed_at_rest
     cdef int crest
-    cdef double tried  # the last share of the steepest profile that a stop at contact has tried
+    cdef double tried  # share of the steepest profile that a stop at contact has tried last
     cdef double waited_s
 
     cdef void c_reset(self) noexcept nogil

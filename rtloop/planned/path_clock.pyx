@@ -1,8 +1,7 @@
 """Path time: the progress of the arm along its motion, and its rate.
 
-The joints are at q = P(s) for the path time s, and s advances at a rate r = ds/dt in [0, 1]. Stop,
-pause, resume and speed override change r and nothing else, so none of them leaves the path. With
-derivatives of P by s,
+The joints are at q = P(s) for the path time s, and s advances at a rate r = ds/dt in [0, 1]. Stop, pause,
+resume and speed override change only r, so the arm stays on the path. With derivatives of P by s,
 
     dq/dt = P' r      d²q/dt² = P'' r² + P' r'      d³q/dt³ = P''' r³ + 3 P'' r r' + P' r''
 
@@ -27,38 +26,38 @@ cdef enum:
 # The order of the checks: first the ends of the phase, then places between them.
 cdef int[SAMPLES] ORDER = [0, 10, 5, 2, 8, 1, 9, 3, 7, 4, 6]
 
-# Shares of the steepest profile that are tried, one per cycle.
+# Shares of the steepest profile, one of which is tried per cycle.
 cdef double[RUNGS] LADDER = [1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.12, 0.08, 0.05, 0.03]
 cdef double SIDE_S = 1e-9
-# A profile may use this share of the limits; the rest is for what lies between two samples.
+# A profile may use this share of the limits. The rest is a margin for values between two samples.
 cdef double SHARE = 0.99
 cdef double URGENT_SHARE = 0.998
 # A new profile replaces the current one if it needs at most this share of the remaining time.
 cdef double SOONER = 0.8
-# With a rate below zero the arm would move backwards.
+# At a rate below zero the arm would move backwards.
 cdef double MIN_RATE = -1e-9
-# Limits of the rate itself, 1/s and 1/s². Without them any change would be possible where the arm hardly
+# Limits of the rate itself, 1/s and 1/s². Without them, any change would be possible where the arm hardly
 # moves.
 cdef double MAX_ACCELERATION = 50.0
 cdef double MAX_JERK = 2000.0
 # The limits at contact, where each millimetre counts. The joint limits always apply.
 cdef double URGENT_ACCELERATION = 1000.0
 cdef double URGENT_JERK = 500_000.0
-# At contact, the first cycle finds the steepest profile. Each try is gentler than the one before until one
-# keeps the limits. Then the interval between it and the last one that failed is halved several times.
+# At contact, the first cycle finds the steepest profile. Each attempt is gentler than the previous one, until
+# one stays within the limits. Then the interval between it and the last failed one is halved several times.
 cdef int URGENT_TRIES = 8
 cdef double GENTLER = 0.8
 cdef int HALVINGS = 6
 cdef int SHORTER_TRIES = 24
 cdef double[CRESTS] CREST = [1.0, 0.85, 0.7]
-# In the next cycles: the step between the shares that are tried, and the amount of path time by which another
-# stop must be shorter.
+# For the next cycles: the step between the shares that are tried, and how much shorter another stop must be
+# in path time.
 cdef double FINER = 0.003
 cdef double SHORTER_S = 1e-5
-# A longer profile is not used, because an operator waits for the stop.
+# Maximum duration of a profile. A longer one is not used, because an operator is waiting for the stop.
 cdef double MAX_PROFILE_S = 2.0
-# If no profile leads from rest to the target rate, this share of it is tried, then this share of that, and so
-# on.
+# If no profile leads from rest to the target rate, this share of it is tried, then this share of the result,
+# and so on.
 cdef double GENTLER_AIM = 0.5
 cdef double MIN_AIM = 0.02
 
@@ -113,7 +112,7 @@ cdef class PathClock:
         return self.c_stuck()
 
     cdef void c_reset(self) noexcept nogil:
-        """Return to the beginning of a path, at full rate as far as the device permits."""
+        """Return to the beginning of a path, at the highest rate that the device permits."""
         self.asked_rate = 1.0
         self.held = self.urgent = False
         self.path_time_s, self.rate, self.rate_slope = 0.0, self.share, 0.0
@@ -124,7 +123,7 @@ cdef class PathClock:
         self.waited_s = 0.0
 
     cdef bint c_at_rest(self) noexcept nogil:
-        """Whether path time stands still, and no change of this is pending."""
+        """Whether path time is standing still and no change of the rate is pending."""
         return self.rate == 0.0 and self.profile_s < 0.0 and not self.pending
 
     cdef bint c_slowing(self) noexcept nogil:
@@ -132,21 +131,21 @@ cdef class PathClock:
         return self.profile_s >= 0.0
 
     cdef bint c_stuck(self) noexcept nogil:
-        """Whether the path has left no room to change the rate for the time that a joint at its limits would
-        need to stop. This should only occur on a path beyond the limits.
+        """Whether the path has left no room to change the rate, for as long as a joint at its limits would
+        need to stop. This should occur only on a path that exceeds the limits.
         """
         return self.pending and self.waited_s > self.patience_s
 
     cdef double c_committed_s(self) noexcept nogil:
-        """The path time up to which the active profile relies on the path; without a profile, the current
-        path time.
+        """Return the path time up to which the active profile relies on the path; without a profile, the
+        current path time.
         """
         if self.profile_s < 0.0:
             return self.path_time_s
         return fmax(self.path_time_s, self.profile.end_position)
 
     cdef void c_shift(self, double offset_s) noexcept nogil:
-        """Move to the same place on a path that began later by the offset."""
+        """Move to the same place on a path that begins later by the offset."""
         cdef int phase
         self.path_time_s -= offset_s
         for phase in range(self.profile.count):
@@ -154,7 +153,7 @@ cdef class PathClock:
         self.profile.end_position -= offset_s
 
     cdef void c_request(self, double rate) noexcept nogil:
-        """Change to another rate, as soon and as fast as the joints permit."""
+        """Change to another rate, as soon as possible and as fast as the joints permit."""
         self.asked_rate = rate
         rate *= 0.0 if self.held else self.share
         if rate != self.target_rate:
@@ -169,18 +168,20 @@ cdef class PathClock:
         self.c_request(self.asked_rate)
 
     cdef void c_hold(self, bint held) noexcept nogil:
-        """Stop on the path, whatever rate is requested; or continue with the requested rate."""
+        """Stop on the path, whatever rate is requested, or continue at the requested rate."""
         self.held = held
         self.c_request(self.asked_rate)
 
     cdef void c_end_urgently(self) noexcept nogil:
-        """Stop on the path as fast as the joints permit, however slowly they move."""
+        """Stop on the path as fast as the joints permit, even if they move slowly."""
         self.urgent = True
         self._begin_search()
         self.c_request(0.0)
 
     cdef void c_begin(self) noexcept nogil:
-        """Set the requested rate at once, at the beginning of a path, where the arm is at rest."""
+        """Set the requested rate at once. This is possible at the beginning of a path, where the arm is at
+        rest.
+        """
         self.rate = self.target_rate
         self.rate_slope, self.profile_s = 0.0, -1.0
         self.pending = False
@@ -204,7 +205,8 @@ cdef class PathClock:
 
     cdef void _try_rung(self, Path path) noexcept nogil:
         """Use this cycle's candidate if it stays within the limits. If not, the next cycle tries a gentler
-        one."""
+        one.
+        """
         cdef bint found
         self.waited_s += self.period_s
         if self.urgent and self.rung == 0:
@@ -222,9 +224,10 @@ cdef class PathClock:
             self._lower_aim()
 
     cdef bint _find_steepest(self, Path path) noexcept nogil:
-        """Make the steepest profile that stays within the limits the candidate. Returns whether there is one.
+        """Find the steepest profile that stays within the limits, as the candidate. Returns whether there is
+        one.
 
-        Each percent below the steepest one takes the arm half a percent further into the contact.
+        Each percent below the steepest takes the arm half a percent further into the contact.
         """
         cdef double share = 1.0, too_steep = 1.0, middle
         cdef int _attempt
@@ -253,7 +256,8 @@ cdef class PathClock:
         """Temporarily aim at a lower rate, if all candidates have failed at rest.
 
         Where the path itself needs the full acceleration of a joint, no profile leads to full rate, and the
-        arm would stay there for ever. A low rate leaves room, and moves the arm to a place with more room.
+        arm would stay there for ever. A low rate leaves some room, and moves the arm to a place with more
+        room.
         """
         cdef double lower = GENTLER_AIM * self.aim
         self.aim, self.failed_at_rest = lower if lower > MIN_AIM else self.target_rate, 0
@@ -264,7 +268,7 @@ cdef class PathClock:
         self.pending, self.aim, self.failed_at_rest = self.aim != self.target_rate, self.target_rate, 0
 
     cdef void _try_sooner(self, Path path) noexcept nogil:
-        """Replace a gentle profile by one that arrives sooner, as soon as the path leaves room for it."""
+        """Replace a gentle profile with one that arrives sooner, as soon as the path leaves room for it."""
         cdef double sooner_s = SOONER * (self.profile.duration - self.profile_s)
         if self.urgent:
             self._try_shorter(path)
@@ -276,12 +280,12 @@ cdef class PathClock:
             self.profile, self.profile_s = self.candidate, 0.0
 
     cdef void _try_shorter(self, Path path) noexcept nogil:
-        """Replace a stop at contact by any profile that ends before it.
+        """Replace a stop at contact with any profile that ends earlier.
 
         The shares of the steepest profile that stay within the limits form several intervals, of which the
-        first cycle has found one. So all shares are tried, some in each cycle. Then all are tried with
-        flatter crests, which take longer but stay within the limits more often. The order matters: a share
-        that is tried late gains less, because the arm has meanwhile slowed down with a gentler one.
+        first cycle has found one. So all shares are tried, some in each cycle, and then again with flatter
+        crests, which take longer but stay within the limits more often. The order matters: a share that is
+        tried late gains less, because the arm has already slowed down with a gentler one.
         """
         cdef int _attempt
         for _attempt in range(SHORTER_TRIES):
@@ -317,7 +321,7 @@ cdef class PathClock:
         problem.acceleration = self.rate_slope
         problem.target_position, problem.target_velocity = 0.0, self.aim
         problem.min_velocity, problem.max_velocity = -2.0, 2.0  # Not used by this interface.
-        # At least the current slope. Otherwise a phase before it would first reduce the slope.
+        # At least the current slope, because otherwise the profile would first reduce the slope.
         steepest *= share
         if crest < 1.0:
             steepest = fmin(steepest, crest * sqrt(
@@ -331,7 +335,7 @@ cdef class PathClock:
     cdef bint _admissible(self, Path path) noexcept nogil:
         """Whether the joints' acceleration and jerk stay within their limits along the whole candidate.
 
-        Most candidates that fail do so at the end of a phase or at a breakpoint, so these are checked first.
+        Most failing candidates fail at the end of a phase or at a breakpoint, so these are checked first.
         """
         cdef Place places[MAX_PHASES * SAMPLES]
         cdef int count = _places(&self.candidate, places)
@@ -344,7 +348,9 @@ cdef class PathClock:
     cdef bint _hold_samples(
         self, Path path, const Place* places, int count, int begin, int end
     ) noexcept nogil:
-        """Whether the limits are kept at these samples of each phase, counted in their order."""
+        """Whether the candidate is within the limits at these samples of each phase, counted in their
+        order.
+        """
         cdef Place at
         cdef int sample, phase
         for sample in range(begin, end):
@@ -355,7 +361,9 @@ cdef class PathClock:
         return True
 
     cdef bint _hold_breakpoints(self, Path path, const Place* places, int count) noexcept nogil:
-        """Whether the limits are kept on both sides of each breakpoint, where the path's jerk steps."""
+        """Whether the candidate is within the limits on both sides of each breakpoint, where the path's jerk
+        steps.
+        """
         cdef Place at
         cdef double breaks[MAX_BREAKPOINTS]
         cdef int i
@@ -374,7 +382,8 @@ cdef class PathClock:
     ) noexcept nogil:
         """Whether all joints stay within their limits at this place.
 
-        If the path itself exceeds the share at this rate, it may do so, but not by more.
+        If the path itself exceeds the permitted share at this rate, the candidate may do so too, but not by
+        more.
         """
         cdef int joint
         cdef double own_acceleration, own_jerk, acceleration, jerk, first, second
@@ -395,7 +404,7 @@ cdef class PathClock:
 
 
 cdef int _places(const Profile* profile, Place* places) noexcept nogil:
-    """The places of a candidate that are checked. Returns their number."""
+    """Collect the places of a candidate that are checked. Returns their number."""
     cdef int phase, sample, count = 0
     cdef double t, velocity, acceleration, jerk
     for phase in range(profile.count):
@@ -416,7 +425,7 @@ cdef int _places(const Profile* profile, Place* places) noexcept nogil:
 
 
 cdef Place _interpolated(const Place* places, int count, double path_time_s) noexcept nogil:
-    """Interpolate linearly between the places on both sides of a path time."""
+    """Interpolate linearly between the places before and after a path time."""
     cdef int low = 0, high = count - 1, middle
     cdef double share
     cdef Place at, after

@@ -7,7 +7,7 @@ cdef enum:
 
 
 cdef enum Verdict:
-    # The action that the conditions of a motion require in a cycle.
+    # What the conditions of a motion require in a cycle.
     AS_BEFORE = 0
     BEGIN = 1  # `start_when` holds.
     HOLD = 2  # `pause_while` holds.

@@ -1,7 +1,7 @@
-"""The signals of the current motion: actions that fire at a path time, and conditions.
+"""The signals of the current motion: conditions, and actions that fire at a path time.
 
 The slot of the trajectory contains them, and a block of shared memory reports their results. Each action
-fires once, in the first cycle whose path time has reached the action's path time.
+fires once, in the first cycle that has reached its path time.
 """
 
 from cobot.arrays cimport doubles
@@ -28,7 +28,7 @@ cdef class Signals:
 
     Attributes:
         active: whether the motion has any signals to process.
-        waiting: whether the motion waits for `start_when`.
+        waiting: whether the motion is waiting for `start_when`.
         paused: whether `pause_while` is met.
         met: whether `until` was met.
         fast: whether each joint then stops as fast as its limits permit.
@@ -39,7 +39,7 @@ cdef class Signals:
         Args:
             chain: kinematic chain of the arm, with the tool's TCP.
             report: block of shared memory for the report.
-            device: sets outputs and reads inputs, a `rtloop.device.DeviceWatch`.
+            device: the `rtloop.device.DeviceWatch` that sets outputs and reads inputs.
         """
         self._chain, self._report, self._device = chain, report, device
         self.start_when, self.pause_while, self.until = (
@@ -76,7 +76,7 @@ cdef class Signals:
 
     def continue_with(self, motion_id, record, double offset_s):
         """Set the signals of the trajectory with which the motion continues. Actions that have fired do not
-        fire again, and a condition that stays keeps its zero and its edge. `start_when` stays.
+        fire again, and an unchanged condition keeps its zero and its edge. `start_when` does not change.
 
         Args:
             offset_s: path time at which that trajectory begins.
@@ -123,7 +123,7 @@ cdef class Signals:
             position: measured joint positions, shape (dof,), rad.
 
         Returns:
-            `Rejected` if the motion has to stop, because the device has rejected an output.
+            `Rejected` if the motion must stop because the device has rejected an output.
         """
         report, done = self._report.data, ACCEPTED
         pose = np.zeros(7)
@@ -153,7 +153,7 @@ cdef class Signals:
         self.active = self.met = False
 
     def publish(self):
-        """Write the report again."""
+        """Write the report to shared memory again."""
         self._report.publish()
 
     def _clear_report(self, motion_id):
@@ -198,9 +198,7 @@ cdef class Signals:
         return self._next < self._count and self._path_times_s[self._next] <= path_time_s
 
     cdef Verdict c_look(self, const double* measured, double path_time_s, double robot_time_s) except *:
-        """Evaluate the conditions with the values that were measured in this cycle. Returns what they
-        require.
-        """
+        """Evaluate the conditions with the values measured in this cycle. Returns what they require."""
         cdef bint holds
         if self.waiting:
             if not self.start_when.c_holds(measured):

@@ -1,4 +1,4 @@
-"""The fence of a motion. It is checked in every cycle of the motion; see `cobot.motions.fence`."""
+"""The fence of a motion, which is checked in every cycle of the motion; see `cobot.motions.fence`."""
 
 from libc.math cimport sqrt
 
@@ -10,7 +10,8 @@ import numpy as np
 from cobot.motions.fence import Fence
 from cobot.reasons import Reason, ReasonCode
 
-# The service has checked the motion only at intervals. Between them it may be slightly beyond the fence.
+# Tolerance, because the service has checked only samples of the motion. Between them, it may be slightly
+# beyond the fence.
 cdef double TOLERANCE_M = 1e-3
 cdef double TOLERANCE = 0.01
 
@@ -49,13 +50,13 @@ cdef class Watch:
         self._speed_m_s = rows[6] * (1.0 + TOLERANCE)
 
     def said(self, row):
-        """The findings of `c_beyond` in words."""
+        """Describe the place and speed found by `c_beyond`."""
         words = f"the motion would leave its fence: {self.fence.beyond(np.array(row[:3]), row[3])}"
         return Reason(words, ReasonCode.FENCE)
 
     cdef bint c_beyond(self, const double* rows, double* place4) noexcept nogil:
-        """Whether the TCP is outside the fence at these joint positions and velocities. Gives its place and
-        speed.
+        """Whether the TCP is outside the fence at these joint positions and velocities. `place4` is set to
+        its place and speed.
         """
         cdef double pose[7]
         cdef double jacobian[6 * MAX_DOF]
@@ -70,7 +71,7 @@ cdef class Watch:
                 velocity += jacobian[axis * dof + joint] * rows[dof + joint]
             square += velocity * velocity
             place4[axis] = pose[axis]
-            # Written so that NaN is beyond the fence.
+            # Written so that NaN is considered beyond the fence.
             if not self._low[axis] <= pose[axis] <= self._high[axis]:
                 beyond = True
         place4[3] = sqrt(square)

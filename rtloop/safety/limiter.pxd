@@ -14,30 +14,30 @@ cdef class Safety:
     cdef unsigned long long* c_interventions
     cdef long long* c_intervened_ns
     cdef object _limits  # the limits of the positions
-    cdef object _request  # a copy of what Python code requests
+    cdef object _request  # a copy of a request from Python code
     cdef double* c_request
     cdef int dof
     cdef double period_s, share, catch_up
-    cdef Rates own  # the arm's own limits, with which it brakes
+    cdef Rates own  # the arm's own limits, with which it decelerates
     cdef Rates used
     cdef double low[MAX_DOF]  # limits of the position, with their tolerance
     cdef double high[MAX_DOF]
-    cdef double lowest[MAX_DOF]  # the same; for a joint beyond them, its position
+    cdef double lowest[MAX_DOF]  # the same, but for a joint beyond them its position
     cdef double highest[MAX_DOF]
     cdef bint beyond  # whether a joint is beyond them
-    # the calm region: from these positions, at no more than these rates, no future excess is possible
+    # the calm region: between these positions, and up to these rates, no future excess is possible
     cdef double calm_low[MAX_DOF]
     cdef double calm_high[MAX_DOF]
     cdef double calm_speed[MAX_DOF]
     cdef double calm_acceleration[MAX_DOF]
-    cdef double past[3][MAX_DOF]  # the last positions that passed, the newest last
+    cdef double past[3][MAX_DOF]  # the last positions that have passed, the newest last
     cdef double pursued[3 * MAX_DOF]  # state of the pursuit, (3, dof)
     cdef unsigned int caught  # kinds of intervention in this pursuit, one bit each
     cdef Tracker tracker
     cdef TargetRange targets  # None if the stream has no joint targets
     cdef bint ranged
     cdef bint quiet  # whether this pursuit only keeps the target range; then no rates are counted
-    cdef int settled  # cycles in which rates are not counted, because such a pursuit has just ended
+    cdef int settled  # number of cycles in which rates are not counted, because such a pursuit has just ended
 
     cdef bint c_apply(self, const double* request, bint streamed) noexcept nogil
     cdef bint c_brake(self) noexcept nogil

@@ -3,11 +3,11 @@ every backend.
 
 A command within the limits passes unchanged, bit for bit. A command that is not finite is rejected and
 latches an e-stop. A command beyond the limits of position, velocity, acceleration or jerk is caught: from
-then on the output is a jerk-limited pursuit of the request within all limits, until the request can be
-reached in one step again. A streamed motion can change at any time. So its limits are tighter, the pursuit
-follows the request's velocity, and a joint slows down early enough to stop before its limit.
+then on, the output is a jerk-limited pursuit of the request within all limits, until the request can be
+reached again in one step. Because a streamed motion can change at any time, its limits are tighter, the
+pursuit follows the request's velocity, and joints slow down early enough to stop before their limits.
 
-Commands have the shape (3, dof): position, velocity and acceleration of all joints, rad and s.
+Commands have the shape (3, dof): position, velocity and acceleration of all joints, rad, rad/s, rad/s².
 
 The same pursuit handles all kinds of excess. It begins in `_catch`.
 """
@@ -26,18 +26,20 @@ from rtloop.generators.tracking cimport Tracker
 from cobot.ipc.layout import Intervention
 
 POSITION_TOLERANCE_RAD = 1e-5
-# Slightly less, so that a pursuit that ends there is within the tolerance in spite of rounding.
+# Slightly less than the tolerance, so that a pursuit that ends there is within the tolerance in spite of
+# rounding.
 cdef double POSITION_TOLERANCE = POSITION_TOLERANCE_RAD * (1.0 - 1e-9)
-# Tolerance of an arm that is already beyond its limits: twice the error that planners may have. With more,
-# each motion that begins there would take it further.
+# Tolerance for an arm that is already beyond its limits: twice the error that planners may have. With a
+# larger one, each motion that begins there would take the arm further.
 cdef double ROUNDING_RAD = 2e-9
 # Relative tolerance of the rates. Planned motions are exactly at the limits, and the differences of four
 # positions contain the rounding of numbers of about 1 rad, divided by the period cubed.
 cdef double TOLERANCE = 0.01
-# The step from a pursuit to the request may use this share of the change of acceleration that the jerk limit
-# permits in a cycle. The rest is for the request's next step.
+# The step from a pursuit to the request may use this share of the change in acceleration that the jerk limit
+# permits per cycle. The rest is for the request's next step.
 cdef double MEETING = 0.5
-# The stopping distance is increased by this, because the known acceleration is rounded and one cycle old.
+# The stopping distance is increased by this factor, because the known acceleration is rounded and one cycle
+# old.
 cdef double WAY_SHARE = 1.05
 cdef double WAY_RAD = 5e-5
 # Below this share of the velocity limits, no future excess is possible. With an acceleration of at most √(j
@@ -50,22 +52,23 @@ cdef enum:
 
 cdef int NOT_FINITE = Intervention.NOT_FINITE, POSITION = Intervention.POSITION
 cdef int VELOCITY = Intervention.VELOCITY, ACCELERATION = Intervention.ACCELERATION, JERK = Intervention.JERK
-# Kinds that are not counted during a pursuit that only keeps the range of a stream's targets.
+# Kinds of intervention that are not counted during a pursuit that only keeps the arm in the target range of a
+# stream.
 cdef unsigned int RATES = (
     <unsigned int>1 << VELOCITY | <unsigned int>1 << ACCELERATION | <unsigned int>1 << JERK
 )
 
 cdef enum:
-    DIFFERENCES = 3  # Number of cycles in which differences of positions still contain the end of a pursuit.
+    # Number of cycles in which differences of positions are still affected by the end of a pursuit.
+    DIFFERENCES = 3
     ROWS = 6
-# The checks, in this order: the position, its first to third difference, and the rates that the command
-# states.
+# The checks, in this order: the position, its first to third difference, and the rates stated by the command.
 cdef int[ROWS] KINDS = [POSITION, VELOCITY, ACCELERATION, JERK, VELOCITY, ACCELERATION]
 
 
 cdef inline Motion _motion(double oldest, double last, double newest, double rate) noexcept nogil:
-    """The motion from three consecutive positions. The velocity is that of half a period ago, the
-    acceleration that of a period ago.
+    """Calculate the motion from three consecutive positions. The velocity is the one half a period ago, and
+    the acceleration the one a period ago.
     """
     cdef Motion motion
     motion.position = newest
@@ -96,7 +99,7 @@ cdef class Safety:
 
     @property
     def motion(self):
-        """The real motion of the commands, whatever motion was stated, shape (3, dof)."""
+        """Return the actual motion of the commands, whatever motion they state, shape (3, dof)."""
         rows = np.zeros((3, self.dof))
         self.c_motion(doubles(rows, 3 * self.dof))
         return rows
@@ -156,7 +159,7 @@ cdef class Safety:
         self.counted += 1
 
     cdef bint c_apply(self, const double* request, bint streamed) noexcept nogil:
-        """Pass a command on, or the nearest safe one. The result is in `c_command`.
+        """Pass on a command or the nearest safe one. The result is in `c_command`.
 
         Args:
             streamed: whether the following commands are unknown.
@@ -178,7 +181,7 @@ cdef class Safety:
         return self._catch(request, excess, ahead, streamed)
 
     cdef bint c_brake(self) noexcept nogil:
-        """Brake from the current state, each joint on its own, as fast as the limits permit.
+        """Decelerate from the current state, each joint separately, as fast as the limits permit.
 
         Returns:
             Whether the arm is at rest.
@@ -190,7 +193,7 @@ cdef class Safety:
         return at_rest
 
     cdef int _excess(self) noexcept nogil:
-        """The first row in which the command of a joint is beyond its limits; ROWS if there is none.
+        """Return the first row in which the command of a joint is beyond its limits; ROWS if there is none.
 
         NaN is beyond every limit.
         """
@@ -222,8 +225,8 @@ cdef class Safety:
         return first
 
     cdef int _foresee(self) noexcept nogil:
-        """The future excess to which the command would lead: a joint that could stop only beyond its limit,
-        or one whose acceleration could not be reduced before its velocity limit.
+        """Return the kind of future excess to which the command would lead: a joint could stop only beyond
+        its limit, or its acceleration could not be reduced before its velocity limit.
         """
         cdef int joint, found = NOTHING
         cdef double rate = 1.0 / self.period_s, most = (1.0 + 0.5 * TOLERANCE) * self.share
@@ -246,7 +249,7 @@ cdef class Safety:
         return found
 
     cdef bint _overruns(self) noexcept nogil:
-        """Whether the stated motion of the command leads a joint beyond the target range."""
+        """Whether the motion that the command states leads a joint beyond the target range."""
         cdef int joint
         for joint in range(self.dof):
             if self.tracker.c_overruns(
@@ -256,8 +259,8 @@ cdef class Safety:
         return False
 
     cdef bint _is_calm(self) noexcept nogil:
-        """Whether the command is in the calm region, in which no future excess is possible whatever comes
-        next.
+        """Whether the command is in the calm region, in which no future excess is possible, whatever the next
+        command.
         """
         cdef int joint
         cdef double rate = 1.0 / self.period_s
@@ -273,7 +276,7 @@ cdef class Safety:
         return True
 
     cdef bint _meets(self) noexcept nogil:
-        """Whether the pursuit is so close that a step to the request keeps the jerk limits."""
+        """Whether the pursuit is so close that a step to the request is within the jerk limits."""
         cdef int joint
         cdef double rate = 1.0 / self.period_s, acceleration, most
         for joint in range(self.dof):
@@ -290,7 +293,7 @@ cdef class Safety:
 
     cdef bint _catch(self, const double* request, int excess, int ahead, bint streamed) noexcept nogil:
         """Begin to pursue a request that may not pass. Returns whether it is finite; if not, the arm
-        brakes.
+        decelerates.
         """
         cdef int i
         cdef bint finite = True
@@ -320,8 +323,8 @@ cdef class Safety:
             self.c_count(kind)
 
     cdef void _approach(self, const double* request, bint streamed) noexcept nogil:
-        """Pursue a request as a place. If it is streamed and leaves room to stop, arrive with its velocity;
-        otherwise come to rest there.
+        """Pursue the position of a request. If it is streamed and there is room to stop, arrive with its
+        velocity; otherwise stop there.
         """
         cdef int joint
         cdef double state[3 * MAX_DOF]
@@ -349,7 +352,9 @@ cdef class Safety:
         self._let_through_pursuit()
 
     cdef bint _pursue_along(self, const double* request) noexcept nogil:
-        """Pursue a moving request, if this stays within the limits. If not, no command has been passed on."""
+        """Pursue a moving request, if that is possible within the limits. Otherwise return False and pass on
+        no command.
+        """
         cdef int joint
         cdef double state[3 * MAX_DOF]
         cdef double wanted[3 * MAX_DOF]
@@ -372,8 +377,8 @@ cdef class Safety:
         return True
 
     cdef void _keep_in_range(self, int joint, double* wanted) noexcept nogil:
-        """Limit a request beyond the range of the targets to its bound, at rest. With the velocity of a
-        request that returns, the arm would swing away from the bound again.
+        """Limit a request beyond the target range to its bound, at rest. With the velocity of a returning
+        request, the arm would swing away from the bound again.
         """
         cdef double bound = fmin(fmax(wanted[joint], self.targets.c_low[joint]), self.targets.c_high[joint])
         if bound != wanted[joint]:
@@ -394,7 +399,7 @@ cdef class Safety:
             self._come_back()
 
     cdef void _come_back(self) noexcept nogil:
-        """Restore the limits of joints that were beyond them and are now within."""
+        """Restore the limits of joints that were beyond them and are now within them."""
         cdef int joint
         self.beyond = False
         for joint in range(self.dof):
@@ -418,9 +423,9 @@ cdef class Safety:
             self.calm_speed[joint], self.calm_acceleration[joint] = speed, acceleration
 
     cdef void c_motion(self, double* state) noexcept nogil:
-        """The real motion of the commands, 3 × dof, whatever motion was stated.
+        """Calculate the actual motion of the commands, 3 × dof, whatever motion they state.
 
-        It is calculated from the last three positions, which give the velocity half a period ago. During a
+        It follows from the last three positions, whose difference is the velocity half a period ago. During a
         pursuit it is known exactly.
         """
         cdef int joint
@@ -436,14 +441,14 @@ cdef class Safety:
             state[2 * self.dof + joint] = motion.acceleration
 
     cdef double _step_of(self, int joint) noexcept nogil:
-        """The maximum change of a joint's acceleration from cycle to cycle."""
+        """Return the maximum change of a joint's acceleration per cycle."""
         return self.used.jerk[joint] * self.period_s
 
     cdef double _way(self, int joint, double speed, double acceleration) noexcept nogil:
-        """The stopping distance of a joint: a simple upper bound.
+        """Return a simple upper bound of a joint's stopping distance.
 
-        The acceleration is first reduced to zero, which may increase the speed; then the joint brakes. With
-        the maximum speed v and the limits a and j, the bound v²/2a + va/2j holds for all distances.
+        The acceleration is first reduced to zero, which may increase the speed; then the joint decelerates.
+        With the maximum speed v and the limits a and j, the bound v²/2a + va/2j holds for all distances.
         """
         cdef double jerk = self.used.jerk[joint], most = self.used.acceleration[joint]
         cdef double peak = speed + 1.5 * self.period_s * acceleration

@@ -12,7 +12,7 @@ cdef enum:
 cdef struct ForceControl:
     # The control along the axes of the force frame.
     bint enabled
-    bint in_tcp  # The frame is given in the TCP's frame, not in the base frame.
+    bint in_tcp  # Whether the frame is given in the TCP frame; if not, in the base frame.
     bint axes[TASK]
     double velocity[TASK]  # Maximum speed, m/s and rad/s.
     double gain[TASK]  # m/s per N, rad/s per N·m.

@@ -1,8 +1,7 @@
-"""Conversion of Cartesian targets into joint references, with motion along some axes and force along the
-others.
+"""Converts Cartesian targets to joint references, with motion along some axes and force along the others.
 
-Poses are x, y, z in m and a quaternion (w, x, y, z), errors and twists linear before angular, all in the base
-frame.
+Poses consist of x, y, z in m and a quaternion (w, x, y, z). Errors and twists have the linear part first. All
+are in the base frame.
 
 Along axes with force control, the force error replaces the pose error. One least-squares step then solves for
 all axes (`c_step_joints`).
@@ -36,8 +35,8 @@ from rtloop.sources.target_checks import ANGULAR_VELOCITY, LINEAR_VELOCITY
 cdef double DAMPING = 1e-5
 cdef double POSTURE_RATE_RAD_S = 1.0
 cdef double POSTURE_VELOCITY_RAD_S = 0.2
-# Time constants. The pull towards the posture and the motion by forces pass two filters each, so that they do
-# not jerk the joints.
+# Time constants. The pull towards the posture and the motion by forces each pass through two filters, so that
+# they do not jerk the joints.
 cdef double POSTURE_FILTER_S = 0.1
 cdef double FORCE_FILTER_S = 0.03
 cdef double VELOCITY_SHARE = 0.98
@@ -51,7 +50,7 @@ cdef inline double clamped(double value, double bound) noexcept nogil:
 
 
 cdef inline double low_pass(double* first, double* second, double value, double share) noexcept nogil:
-    """The value through two low-pass filters, one after the other."""
+    """Return the value after two low-pass filters in series."""
     first[0] += share * (value - first[0])
     second[0] += share * (first[0] - second[0])
     return second[0]
@@ -71,9 +70,9 @@ cdef inline double norm3(const double* v) noexcept nogil:
 
 
 cdef class CartesianSource(Source):
-    """TCP poses, interpolated, within the Cartesian limits, and followed by the joints.
+    """A source of joint references that follow TCP poses, interpolated and within the Cartesian limits.
 
-    Along an axis with force control the arm moves in proportion to the force error.
+    Along an axis with force control, the arm moves in proportion to the force error.
 
     Attributes:
         move_running: whether a `move_to_pose` is running.
@@ -105,7 +104,7 @@ cdef class CartesianSource(Source):
         )
         self.limiter = PoseLimiter(period_s, within)
         self.poses = PoseRange(period_s, command_s)
-        # whether the motion continues after a pose; otherwise the TCP rests at each pose
+        # whether the motion continues after a pose; otherwise the TCP stops at each pose
         self.looks_ahead = kind is not Interpolation.NONE
         if self.looks_ahead:
             self.limiter.c_stay_within(self.poses)
@@ -132,7 +131,7 @@ cdef class CartesianSource(Source):
         for axis in range(TASK):
             force.axes[axis] = bool(request["force_axes"][axis] > 0.0)
             force.velocity[axis] = request["force_velocity"][axis]
-            # A backend without compliance has no stiffness, and its sessions have no force axis.
+            # A backend without compliance has no stiffness, and its sessions have no force axes.
             stiffest = float(stiffness[:3].max() if axis < 3 else stiffness[3:].max())
             force.gain[axis] = FORCE_RATE_RAD_S / stiffest if stiffest else 0.0
         force.enabled = bool((request["force_axes"] > 0.0).any())
@@ -149,21 +148,21 @@ cdef class CartesianSource(Source):
         return "a streamed pose, wrench or velocity is not finite"
 
     def press(self, wrench):
-        """Exert this wrench from now on, shape (6,), in the force frame. A wrench that is not finite is
+        """From now on, exert this wrench, shape (6,), in the force frame. A wrench that is not finite is
         ignored.
         """
         wanted = np.array(wrench, float)
         self.c_press(doubles(wanted, TASK))
 
     def start_move(self, pose, double duration_s):
-        """Move to a pose by a minimum-jerk motion. A running motion to the same pose continues. Returns the
+        """Move to a pose on a minimum-jerk motion. A running motion to the same pose continues. Returns the
         flaw of the pose, or None.
         """
         goal = np.array(pose, float)
         return flaw_of(self.c_start_move(doubles(goal, 7), duration_s))
 
     def cancel_move(self):
-        """Cancel the move. The next target determines the further motion."""
+        """Cancel the move. The next target then determines the motion."""
         self.c_cancel_move()
 
     cdef void c_begin(self, const double* command) noexcept nogil:
@@ -216,8 +215,8 @@ cdef class CartesianSource(Source):
         return False
 
     cdef void c_find_fastest(self, double interval_s, double* fastest) noexcept nogil:
-        """The maximum TCP speed, m/s and rad/s: the smaller one of the specification's limit and that from
-        the joints' velocity limits. The latter includes slack for jitter of the client.
+        """Calculate the maximum TCP speed, m/s and rad/s: the specified limit or, if lower, the speed at the
+        joints' velocity limits. The latter has a margin for the client's jitter.
         """
         cdef double slack = 1.0 + SLACK_S / c_clamped_interval(interval_s)
         cdef double reach[TASK]
@@ -255,8 +254,9 @@ cdef class CartesianSource(Source):
         self.poses.c_begin(self.last)
 
     cdef double c_shortest_move_s(self, const double* pose) noexcept nogil:
-        """The shortest duration of a move within the limits. For a minimum-jerk motion of length l in time t,
-        the maximum velocity is 15/8 l/t, the maximum acceleration 10/√3 l/t², the jerk 60 l/t³.
+        """Return the shortest duration of a move within the limits. For a minimum-jerk motion of length l in
+        time t, the maximum velocity is 15/8 l/t, the maximum acceleration 10/√3 l/t², and the maximum jerk 60
+        l/t³.
         """
         cdef double way[TASK]
         cdef double length, shortest_s = 0.0
@@ -282,7 +282,7 @@ cdef class CartesianSource(Source):
         self.c_step_joints(self.c_next_pose(external_effort, wrench), wrench)
 
     cdef const double* c_next_pose(self, const double* external_effort, const double* wrench) noexcept nogil:
-        """The commanded pose of the TCP in this cycle."""
+        """Return the commanded TCP pose in this cycle."""
         if not self.move_running:
             self.poses.c_advance()
             self.interpolator.c_advance()
@@ -301,8 +301,8 @@ cdef class CartesianSource(Source):
         memcpy(self.commanded, command, self.dof * sizeof(double))
 
     cdef void c_heading(self, double* step) noexcept nogil:
-        """Calculate the heading. This is done on request only, because only a stream that was held because of
-        a collision needs it.
+        """Calculate the heading. Only a stream that is held because of a collision needs it, so it is
+        calculated on request.
         """
         cdef double here[7]
         cdef double error[TASK]
@@ -316,7 +316,7 @@ cdef class CartesianSource(Source):
                 step[joint] += jacobian[axis * self.dof + joint] * error[axis]
 
     cdef void c_step_joints(self, const double* pose, const double* wrench) noexcept nogil:
-        """The joint step that reduces the distance to the pose, by least squares. In the null space the
+        """Make the joint step that reduces the distance to the pose, by least squares. In the null space, the
         posture is pulled towards its reference: z + J⁺ (e - J z).
         """
         cdef double here[7]
@@ -348,7 +348,7 @@ cdef class CartesianSource(Source):
             self.ref[joint] = target
 
     cdef void c_pull_at_posture(self, double* step) noexcept nogil:
-        """The joint step for the null space, rad."""
+        """Calculate the joint step for the null space, rad."""
         cdef double wanted
         cdef int joint
         for joint in range(self.dof):
@@ -362,8 +362,8 @@ cdef class CartesianSource(Source):
     cdef void c_distance_to(
         self, const double* pose, double* here, double* error, double* jacobian
     ) noexcept nogil:
-        """The distance from the reference's TCP pose to a pose, in the base frame: m, rad. Also calculates
-        the Jacobian there.
+        """Calculate the distance from the reference's TCP pose to a pose, in the base frame, m and rad, and
+        the Jacobian at the reference.
         """
         cdef int axis
         self.chain.c_forward_jacobian(self.ref, here, jacobian)
@@ -389,7 +389,7 @@ cdef class CartesianSource(Source):
     cdef void c_replace_by_force(
         self, const double* here, const double* wrench, double* error
     ) noexcept nogil:
-        """Along the force axes, replace the step by one in proportion to the force error."""
+        """Along the force axes, replace the step with one in proportion to the force error."""
         cdef ForceControl* force = &self.force
         cdef double orientation[4]
         cdef double moment[3]
@@ -406,7 +406,7 @@ cdef class CartesianSource(Source):
         subtract3(rows + 3, moment)
         into_frame(force.turn, rows, in_frame)
         for axis in range(TASK):
-            # The TCP exerts the opposite of the external force.
+            # The TCP exerts the opposite of the external wrench.
             missing = force.wrench[axis] + in_frame[axis]
             smooth = low_pass(
                 &force.pull[axis],
@@ -444,7 +444,7 @@ cdef void into_frame(const double* turn, const double* rows, double* in_frame) n
 cdef void replace_axes(
     const ForceControl* force, double* rows, const double* velocity, double period_s
 ) noexcept nogil:
-    """Replace a step in the base frame along the force axes by the motion of these velocities in one
+    """Along the force axes, replace a step in the base frame with the motion at these velocities in one
     period.
     """
     cdef double in_frame[TASK]
@@ -461,7 +461,7 @@ cdef void replace_axes(
 
 
 cdef void solve_damped(const double* jacobian, int dof, double* error) noexcept nogil:
-    """(J J' + damping)⁻¹ e, in place."""
+    """Calculate (J J' + damping)⁻¹ e in place."""
     cdef double square[TASK * TASK]
     cdef int row, column, joint
     for row in range(TASK):

@@ -8,7 +8,7 @@ from rtloop.sources.source cimport Chunk, Source
 cdef class JointSource(Source):
     cdef Interpolator interpolator
     cdef ChunkInterpolator chunks
-    cdef OnlineTrajectory end  # The motion after the last waypoint of a chunk.
+    cdef OnlineTrajectory end  # Interpolator for the motion after the last waypoint of a chunk.
     cdef bint settles
     cdef long long entered
     cdef bint chunked, spoilt_chunk, looks_ahead, states_motion

@@ -1,4 +1,4 @@
-"""Conversion of joint targets into a joint reference for every cycle."""
+"""Converts joint targets to a joint reference for every cycle."""
 
 from libc.math cimport fabs
 from libc.string cimport memcpy
@@ -33,15 +33,17 @@ assert CHUNK_POINTS == MAX_CHUNK, "the chunk block of cobot.ipc.layout has anoth
 
 
 cdef class JointSource(Source):
-    """Joint targets with interpolation, or chunks of timed targets. The one that came last is followed."""
+    """A source of references that follow joint targets by interpolation, or chunks of timed targets,
+    whichever has arrived last.
+    """
 
     def __init__(self, kind, limits, safe_velocity, double period_s, double command_s):
         """
         Args:
             kind: kind of interpolation between targets.
             limits: limits of the reference.
-            safe_velocity: maximum velocity of the robot itself, shape (dof,), rad/s. A step that needs more
-                is a jump.
+            safe_velocity: maximum velocity of the robot itself, shape (dof,), rad/s. A step that needs a
+                higher velocity is a jump.
             period_s: cycle period.
             command_s: interval between two targets.
         """
@@ -52,9 +54,9 @@ cdef class JointSource(Source):
         self.end = OnlineTrajectory(limits.dof, period_s, *rates)
         self.targets = TargetRange(limits.dof, period_s, command_s)
         self.chunked = False
-        # whether the motion continues after a target; otherwise the arm rests at each target
+        # whether the motion continues after a target; otherwise the arm stops at each target
         self.looks_ahead = kind is not Interpolation.NONE
-        self.time_s = 0.0  # Time of the chunks' reference.
+        self.time_s = 0.0  # Time of the reference along the chunks.
         self.names = tuple(limits.names)
         self.period_s = period_s
         self.command_s = command_s
@@ -77,7 +79,7 @@ cdef class JointSource(Source):
         return self.c_starved()
 
     def take_chunk(self, Block chunk not None, double robot_time_s):
-        """Follow the timed targets in a block's private copy from now on. Returns their flaw, or None."""
+        """From now on, follow the timed targets in a block's private copy. Returns their flaw, or None."""
         cdef Chunk fields = chunk_fields(chunk)
         return flaw_of(self.c_take_chunk(&fields, robot_time_s))
 
@@ -120,8 +122,8 @@ cdef class JointSource(Source):
         return FINE
 
     cdef void c_bound(self, const double* target, bint moves) noexcept nogil:
-        """Set the target range. If the client states the motion of its target, the reference may follow it
-        beyond the target.
+        """Set the target range. If the client states the velocity of its target, the reference may go beyond
+        the target.
         """
         if moves:
             self.targets.c_open_at(target)
@@ -130,7 +132,7 @@ cdef class JointSource(Source):
         self.states_motion = moves
 
     cdef int c_take_chunk(self, const Chunk* chunk, double robot_time_s) noexcept nogil:
-        """Follow timed targets from now on. Returns their flaw, or FINE."""
+        """From now on, follow timed targets. Returns their flaw, or FINE."""
         cdef double points[MAX_CHUNK * MAX_DOF]
         cdef int dof = self.dof, joint, index
         cdef int count = <int>min(chunk.count[0], <unsigned long long>MAX_CHUNK)
@@ -178,7 +180,7 @@ cdef class JointSource(Source):
     cdef void c_settle(self) noexcept nogil:
         """Move from the last reference to rest at the last waypoint.
 
-        The state is limited first, because an erratic chunk may have led far beyond the limits.
+        The state is first limited, because an erratic chunk may have led far beyond the limits.
         """
         cdef double state[3 * MAX_DOF]
         cdef int joint, dof = self.dof
@@ -187,12 +189,14 @@ cdef class JointSource(Source):
             state[dof + joint] = clipped(state[dof + joint], self.end.max_velocity[joint])
             state[2 * dof + joint] = clipped(state[2 * dof + joint], self.end.max_acceleration[joint])
         self.end.c_settle(state, self.last)
-        # The last waypoint was passed within the cycle in which it became the next one.
+        # the last waypoint was passed in the same cycle in which it became the next one
         self.targets.c_update(self.last)
         self.settles = True
 
     cdef void c_bound_chunk(self) noexcept nogil:
-        """Set the range of the waypoints. All future ones are known, and the next one is the target."""
+        """Set the target range to the future waypoints, all of which are known. The next one is the
+        target.
+        """
         cdef const double* waypoint = self.chunks.c_waypoint(0)
         cdef int ahead = 0
         if waypoint != NULL and self.chunks.entered != self.entered:
@@ -223,7 +227,7 @@ cdef class JointSource(Source):
         self.c_copy_reference()
 
     cdef void c_copy_reference(self) noexcept nogil:
-        """Copy the reference from the source that is being followed."""
+        """Copy the reference from the interpolator that is in use."""
         cdef const double* followed = self.chunks.ref if self.chunked else self.interpolator.ref
         memcpy(self.ref, followed, 3 * self.dof * sizeof(double))
 

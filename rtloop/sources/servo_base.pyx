@@ -1,4 +1,4 @@
-"""The common base of all servo modes: reading and checking points, and the counters."""
+"""The common base of all servo modes: reads and checks the points, and counts them."""
 
 from libc.math cimport fabs, isfinite
 from libc.string cimport memcpy
@@ -15,14 +15,14 @@ cdef class ServoSource(Source):
 
     Attributes:
         taken: number of points that became targets of the reference.
-        dropped: number of points that were jumps.
-        underruns: number of times that it had to wait for a point.
-        buffered: number of points that it has read but that are not targets yet.
+        dropped: number of points that were dropped because they were jumps.
+        underruns: number of times that the source had to wait for a point.
+        buffered: number of points that have been read but are not targets yet.
     """
 
     def __init__(self, limits, safe_velocity, double period_s):
-        """safe_velocity: maximum velocity of the robot itself, shape (dof,), rad/s. A step that needs more is
-        a jump.
+        """`safe_velocity` is the maximum velocity of the robot itself, shape (dof,), rad/s. A step that needs
+        a higher velocity is a jump.
         """
         super().__init__(limits.dof)
         self.period_s = self.time_s = period_s
@@ -53,7 +53,7 @@ cdef class ServoSource(Source):
         return 0
 
     cdef void c_heading(self, double* step) noexcept nogil:
-        """A joint step towards the last read point."""
+        """Calculate a joint step towards the last point read."""
         cdef int joint
         for joint in range(self.dof):
             step[joint] = self.last[joint] - self.ref[joint]
@@ -72,15 +72,16 @@ cdef class ServoSource(Source):
             return False
         if not c_is_finite(point.joints, self.dof):
             return False
-        # Another writer of shared memory may write any values. The service rejects values beyond these.
+        # The service rejects values beyond these bounds, but another writer of shared memory may write any
+        # value.
         for joint in range(self.dof):
             self.target[joint] = min(max(point.joints[joint], self.lowest[joint]), self.highest[joint])
         self.time_s = min(max(point.time_s, self.period_s), MAX_TIME_S)
         return True
 
     cdef bint c_jumps(self, double interval_s) noexcept nogil:
-        """Whether the target is further from the last one than an arm can move. If not, it becomes the last
-        one.
+        """Whether the target is further from the last one than an arm can move. If it is not, it becomes the
+        last target.
         """
         if c_joint_jump(self.target, self.last, self.dof, interval_s, self.safe_velocity) >= 0:
             self.dropped += 1

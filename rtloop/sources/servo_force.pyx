@@ -10,9 +10,10 @@ from cobot.ipc.layout import Interpolation
 
 
 cdef class ForceServo(CartesianSource):
-    """Follows the pose of a joint source's reference, and in the null space the source's posture.
+    """Follows the pose of a joint source's reference and, in the null space, the source's posture.
 
-    Where no force deflects the arm, its joints equal those of the source, which keeps the joints' limits.
+    Unless a force deflects the arm, its joints equal those of the source, which are within the joints'
+    limits.
     """
 
     def __init__(self, ServoSource points, model, limits, within, double period_s, request):
@@ -30,7 +31,7 @@ cdef class ForceServo(CartesianSource):
         return self.pose
 
     cdef void c_pull_at_posture(self, double* step) noexcept nogil:
-        """The source's own step. The part of it that moves the TCP is removed along force axes."""
+        """Use the source's own step. Its part that moves the TCP is removed along the force axes."""
         cdef double toward[MAX_DOF]
         cdef int joint
         memcpy(self.posture, self.points.ref, self.dof * sizeof(double))

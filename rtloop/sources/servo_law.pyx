@@ -1,11 +1,12 @@
-"""The law with which pass-through servo modes follow their targets, with a look-ahead time and a gain.
+"""The control law with which pass-through servo modes follow their targets, with a look-ahead time and a
+gain.
 
     q'' = gain (target - (q + lookahead q'))
 
-The position that the arm would have after the look-ahead time is drawn to the target, as UR documents for its
-servoj: the higher the gain (1/s²), the faster the reaction; the longer the lookahead time (s), the less
-overshoot. With ω = √gain it is a filter of second order with the damping ratio ω lookahead / 2: it follows a
-ramp with a lag of the lookahead time, and reaches a target without error.
+The law pulls the position that the arm would have after the look-ahead time towards the target, as UR
+documents for its servoj: the higher the gain (1/s²), the faster the reaction; the longer the look-ahead time
+(s), the less overshoot. With ω = √gain, it is a second-order filter with the damping ratio ω lookahead / 2,
+which follows a ramp with a lag of the look-ahead time, and reaches a target without error.
 """
 
 from libc.math cimport cos, cosh, exp, fabs, sin, sinh, sqrt
@@ -17,7 +18,7 @@ import numpy as np
 
 
 cdef class ServoLaw:
-    """The law, solved exactly for a target that is constant within a cycle. Real-time safe.
+    """The control law, solved exactly for a target that is constant within a cycle. Real-time safe.
 
     Attributes:
         reference: shape (3, n): rad, rad/s, rad/s².
@@ -33,11 +34,11 @@ cdef class ServoLaw:
         self.lookahead_s = self.gain = 0.0
 
     def begin(self, state):
-        """Start here, shape (3, n)."""
+        """Start from this state, shape (3, n)."""
         np.copyto(self.reference, state)
 
     def tune(self, double lookahead_s, double gain):
-        """Use these parameters from now on; zero: no law."""
+        """From now on, use these parameters; 0 switches the law off."""
         self.c_tune(lookahead_s, gain)
 
     def follow(self, target):
@@ -74,7 +75,7 @@ cdef class ServoLaw:
 
 
 def transition(double lookahead_s, double gain, double time_s):
-    """The transition matrix of (q - target, q') for a time, shape (2, 2): the exponential of the law's
+    """Return the transition matrix of (q - target, q') for a time, shape (2, 2): the exponential of the law's
     matrix.
     """
     step = np.zeros((2, 2))

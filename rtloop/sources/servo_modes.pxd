@@ -18,7 +18,7 @@ cdef class Newest(ServoSource):
 
 cdef class Buffered(ServoSource):
     cdef ServoLaw law
-    cdef double fixed_s  # Time of every point, whatever the point states; 0: the time that it states.
+    cdef double fixed_s  # Time of each point, s, regardless of the stated time; 0: the stated time.
     cdef double line[3 * MAX_DOF]
     cdef double start[MAX_DOF]
     cdef double way[MAX_DOF]

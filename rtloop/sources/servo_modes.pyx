@@ -14,19 +14,19 @@ from rtloop.generators.target_range import TargetRange
 from rtloop.sources.servo_law import ServoLaw
 from rtloop.sources.servo_through_points import ThroughPoints
 
-# A buffered mode begins when points for this time have arrived, at least two, because the intervals of a
-# sender vary.
+# A buffered mode begins when points for this time, and at least two, have arrived, because a sender's
+# intervals vary.
 cdef double JITTER_S = 0.01
-# The maximum waiting time for these points, as a multiple of that time.
+# Maximum wait for these points, as a multiple of that time.
 cdef double BEFORE_TIMEOUT = 2.0
 
 
 cdef class Newest(ServoSource):
-    """Modes 1 and 2: only the newest point counts."""
+    """Modes 1 and 2: the reference follows only the newest point."""
 
     def __init__(self, limits, safe_velocity, double period_s, *, bint planned):
-        """planned: whether a profile leads to each target (mode 1), or the targets are the reference (mode
-        2).
+        """`planned` states whether a profile leads to each target (mode 1) or the targets are the reference
+        (mode 2).
         """
         super().__init__(limits, safe_velocity, period_s)
         rates = limits.max_velocity, limits.max_acceleration, limits.max_jerk
@@ -59,7 +59,7 @@ cdef class Newest(ServoSource):
             if not self.c_read(&point):
                 return NOT_FINITE
             interval_s = c_clamped_interval(self.since_s)
-            if self.planned:  # The profile accepts any target and takes the time that it needs.
+            if self.planned:  # a profile accepts any target and takes as long as it needs
                 self.c_accept_far(interval_s)
             elif self.c_jumps(interval_s):
                 continue
@@ -80,7 +80,7 @@ cdef class Newest(ServoSource):
         return FINE
 
     cdef void c_step_to(self, double time_s) noexcept nogil:
-        """Aim at the last target, to be reached in the time since the previous target. A stream's rates are
+        """Move to the last target, to be reached in the time since the previous one. A stream's rates are
         calculated from differences.
         """
         cdef double velocity
@@ -92,9 +92,7 @@ cdef class Newest(ServoSource):
             self.aim[joint] = self.last[joint]
 
     cdef void c_accept_far(self, double interval_s) noexcept nogil:
-        """Move to a target that is too far away to belong to a stream, without treating it as part of a
-        motion.
-        """
+        """Move to a target that is too far away to belong to the stream's motion."""
         cdef double time_s = 2.0 * max(interval_s, self.time_s)
         cdef int joint
         for joint in range(self.dof):
@@ -114,14 +112,15 @@ cdef class Newest(ServoSource):
 
 
 cdef class Buffered(ServoSource):
-    """Modes 3 and 4: one point after the other, each in its own time, on straight lines.
+    """Modes 3 and 4: the reference moves from point to point on straight lines, to each in the point's own
+    time.
 
     Each cycle takes the points that are due, so the time between two points need not be a multiple of the
-    period. The points wait in the queue.
+    period. Later points wait in the queue.
     """
 
     def __init__(self, limits, safe_velocity, double period_s, double fixed_s):
-        """fixed_s: time of every point, whatever the point states; 0: the time that it states."""
+        """`fixed_s` is the time of each point, s, regardless of the stated time; 0: the stated time."""
         super().__init__(limits, safe_velocity, period_s)
         self.fixed_s = fixed_s
         self.law = ServoLaw(limits.dof, period_s)
@@ -146,7 +145,7 @@ cdef class Buffered(ServoSource):
         self.playing = False
 
     cdef int c_fetch(self, PointQueue queue) noexcept nogil:
-        """Take points from the queue up to the one whose time contains this cycle."""
+        """Take points from the queue, up to the one whose time includes this cycle."""
         cdef ServoPoint point
         cdef double stated_s
         cdef int _count
@@ -171,7 +170,7 @@ cdef class Buffered(ServoSource):
             if self.fixed_s > 0.0:
                 self.time_s = self.fixed_s
             memcpy(self.start, self.last, self.dof * sizeof(double))
-            # The point is dropped, and its time passes without a motion.
+            # The point is dropped; during its time the arm does not move.
             if self.c_jumps(max(stated_s, self.since_s)):
                 memset(self.way, 0, sizeof(self.way))
                 memset(self.line + self.dof, 0, 2 * self.dof * sizeof(double))
@@ -185,7 +184,7 @@ cdef class Buffered(ServoSource):
         return FINE
 
     cdef void c_turn_to_last(self) noexcept nogil:
-        """Begin the segment from the start to the last point, which takes the point's time."""
+        """Begin the segment to the last point. It takes the point's time."""
         cdef double velocity
         cdef int joint, dof = self.dof
         for joint in range(dof):
@@ -195,7 +194,7 @@ cdef class Buffered(ServoSource):
             self.line[dof + joint] = velocity
 
     cdef bint c_may_begin(self, PointQueue queue) noexcept nogil:
-        """Whether enough points wait to hide the client's jitter, or no more points arrive."""
+        """Whether enough points are waiting to hide the client's jitter, or no more points are expected."""
         cdef double time_s = self.fixed_s if self.fixed_s > 0.0 else self.time_s
         cdef long long waiting = queue.c_waiting()
         if not waiting:
@@ -223,7 +222,9 @@ cdef class Buffered(ServoSource):
 
 
 def make_servo(mode, limits, safe_velocity, double period_s):
-    """The joint source of a mode. The modes with force control have the same sources as those without."""
+    """Make the joint source of a mode. The modes with force control have the same sources as those
+    without.
+    """
     match mode:
         case ServoMode.NONE:
             return None

@@ -1,14 +1,15 @@
-"""Mode 5: through all points in their order, at the times that they state, or as fast as the limits permit.
+"""Mode 5: the arm moves through all points in order, at their stated times or, if the limits do not permit
+this, as fast as possible.
 
-A curve q(σ), continuous up to the second derivative, connects the points. σ is the time that the points
-state, extended where a joint could not be that fast. σ advances at a rate r from 0 to 1 that is continuous up
-to its derivative, as on a planned path (`rtloop.planned.path_clock`). So the whole motion has the same
-continuity, and a change of the rate neither leaves the curve nor omits a point. The curve's own part of
-acceleration and jerk, q'' r² and q''' r³, limits r on each piece. The part for changes of the rate, q' r' and
-q' r'', limits these changes.
+A curve q(σ), continuous up to the second derivative, connects the points. σ is the points' stated time,
+extended where a joint could not move that fast. σ advances at a rate r from 0 to 1 that is continuous up to
+its derivative, as on a planned path (`rtloop.planned.path_clock`). So the whole motion is equally continuous,
+and after a change of the rate the arm still follows the curve through every point. The curve's own share of
+the acceleration and jerk, q'' r² and q''' r³, limits r on each piece. The share for changes of the rate, q'
+r' and q' r'', limits these changes.
 
 The curve is known up to the last point but one, because the direction at a point depends on the next one. The
-reference can always stop at the end of the known curve, so a stream that ends comes to rest at its last
+reference can always stop at the end of the known curve, so when a stream ends, the arm stops at its last
 point.
 """
 
@@ -31,17 +32,17 @@ from rtloop.generators.target_range import TargetRange
 cdef double CURVE_SHARE = 0.5
 cdef double RATE_SHARE = 0.5
 cdef double VELOCITY_SHARE = 0.98
-# Changes of the rate are always slow enough for this joint velocity, because a faster point may come.
+# Changes of the rate are always slow enough for this joint velocity, because a faster point may follow.
 cdef double USUAL_RAD_S = 0.2
 cdef double MIN_RATE = 1e-4
 cdef double REST = 1e-9
-# If the next point does not arrive within this multiple of the last point's time, and a little more, the last
-# one ends the curve.
+# If the next point does not arrive within this multiple of the last point's time and a short grace period,
+# the curve ends at the last point.
 cdef double PATIENCE = 2.0
 cdef double GRACE_S = 0.01
-# Number of places at which a piece is checked, its ends included.
+# Number of places at which a piece is checked, including its ends.
 cdef int PLACES = 7
-# Number of pieces ahead that belong to the range of the points.
+# Number of pieces ahead that are included in the target range.
 cdef int AHEAD = 32
 
 
@@ -67,7 +68,7 @@ cdef class ThroughPoints(ServoSource):
         return self.count - self.first + (self.pending_span > 0.0)
 
     cdef void c_begin(self, const double* command) noexcept nogil:
-        """Begin here. If the arm is still moving, the safety layer brings it to rest."""
+        """Begin at this command. If the arm is still moving, the safety layer brings it to rest."""
         memset(self.ref, 0, 3 * self.dof * sizeof(double))
         memcpy(self.ref, command, self.dof * sizeof(double))
         memset(self.knot, 0, sizeof(self.knot))
@@ -123,7 +124,7 @@ cdef class ThroughPoints(ServoSource):
             self.first = self.count
 
     cdef void c_bound(self) noexcept nogil:
-        """Set the range of the points. Those ahead are known, and the next one is the target."""
+        """Set the target range. The points ahead are known, and the next one is the target."""
         cdef int piece, joint
         cdef const double* following = NULL
         if self.enters:
@@ -132,7 +133,7 @@ cdef class ThroughPoints(ServoSource):
                 following = self.places[self.first + 1]
             elif self.pending_span > 0.0:
                 following = self.pending
-            for joint in range(self.dof):  # A joint passes a point on its way as the curve does.
+            for joint in range(self.dof):  # a joint passes a point if the curve does
                 if self.places[self.first][joint] == self.targets.newest[joint]:
                     self.passes[joint] = False
                 elif following != NULL:
@@ -238,7 +239,7 @@ cdef class ThroughPoints(ServoSource):
         self.pending_span = 0.0
 
     cdef void c_find_knot(self, const double* following, double following_span) noexcept nogil:
-        """Move the knot to the pending point. Without a following point it is the last one."""
+        """Move the knot to the pending point. Without a following point, it is the last one."""
         cdef double span = self.pending_span, both = span + following_span
         cdef double before, after
         cdef int joint, dof = self.dof
@@ -275,7 +276,7 @@ cdef class ThroughPoints(ServoSource):
         self.highest_rates[number] = min(self.highest_rates[number], cbrt(CURVE_SHARE / max(third, 1e-9)))
 
     cdef void c_make_room(self) noexcept nogil:
-        """Remove the passed pieces. σ then starts at the arm's current piece."""
+        """Remove the pieces that the arm has passed. σ then starts at its current piece."""
         cdef int first = self.first, kept = self.count - self.first, piece
         cdef Py_ssize_t row = ORDER * self.dof
         cdef double origin = self.ends[first] - self.spans[first]

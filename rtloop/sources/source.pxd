@@ -5,7 +5,7 @@ from rtloop.generators.target_range cimport TargetRange
 
 
 cdef struct Setpoint:
-    # Addresses of the fields of the setpoint that was read last, see `cobot.ipc.layout.setpoint_dtype`.
+    # Addresses of the fields of the last setpoint read, see `cobot.ipc.layout.setpoint_dtype`.
     unsigned long long* session
     unsigned long long* number
     unsigned long long* feed_forward
@@ -21,7 +21,7 @@ cdef struct Setpoint:
 
 
 cdef struct Chunk:
-    # Addresses of the fields of the chunk that was read last, see `cobot.ipc.layout.chunk_dtype`.
+    # Addresses of the fields of the last chunk read, see `cobot.ipc.layout.chunk_dtype`.
     unsigned long long* session
     unsigned long long* number
     unsigned long long* count
@@ -31,7 +31,7 @@ cdef struct Chunk:
 
 
 cdef enum:
-    # The flaw of a target: the number of the intervention that it counts as, plus one.
+    # The flaw of a target: the number of the intervention as which it is counted, plus one.
     FINE = 0
     NOT_FINITE = 1
     JUMP = 9

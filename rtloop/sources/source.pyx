@@ -9,12 +9,12 @@ from cobot.errors import InputError
 from cobot.ipc.layout import Intervention
 
 
-# A reference that is further ahead of the arm than this waits for the arm.
+# Maximum distance of the reference ahead of the arm. At this distance it waits for the arm.
 cdef double LEAD_RAD = 0.2
 
 
 cdef Setpoint setpoint_fields(Block block):
-    """Pointers to the fields of the setpoint block."""
+    """Return pointers to the fields of the setpoint block."""
     cdef Setpoint fields
     fields.session = <unsigned long long*>block.c_field("session")
     fields.number = <unsigned long long*>block.c_field("number")
@@ -32,7 +32,7 @@ cdef Setpoint setpoint_fields(Block block):
 
 
 cdef Chunk chunk_fields(Block block):
-    """Pointers to the fields of the chunk block."""
+    """Return pointers to the fields of the chunk block."""
     cdef Chunk fields
     fields.session = <unsigned long long*>block.c_field("session")
     fields.number = <unsigned long long*>block.c_field("number")
@@ -44,7 +44,7 @@ cdef Chunk chunk_fields(Block block):
 
 
 cdef object flaw_of(int code):
-    """The flaw of a target, for Python: an `Intervention`, or None."""
+    """Return the flaw of a target for Python: an `Intervention`, or None."""
     return None if code == FINE else Intervention(code - 1)
 
 
@@ -73,8 +73,8 @@ cdef class Source:
         self.c_begin(doubles(rows, 3 * self.dof))
 
     def take(self, Block setpoint not None, double interval_s):
-        """Take the target in a block's private copy, at this interval after the last one. Returns its flaw,
-        or None.
+        """Process the target in a block's private copy, which comes this interval after the last one. Returns
+        its flaw, or None.
         """
         cdef Setpoint fields = setpoint_fields(setpoint)
         return flaw_of(self.c_take(&fields, interval_s))
@@ -101,21 +101,21 @@ cdef class Source:
         """Continue from the commanded state, shape (3, dof)."""
 
     cdef int c_take(self, const Setpoint* setpoint, double interval_s) noexcept nogil:
-        """Take a new target, at this interval after the last one. Returns its flaw, or FINE."""
+        """Process a new target, which comes this interval after the last one. Returns its flaw, or FINE."""
         return FINE
 
     cdef void c_advance(self, const double* external_effort, const double* wrench) noexcept nogil:
-        """Advance by one period. Arguments: external torques on the joints (dof,), N·m, and the external
-        wrench at the TCP (6,) in the base frame.
+        """Advance by one period. The arguments are the external torques on the joints, (dof,), N·m, and the
+        external wrench at the TCP, (6,), in the base frame.
         """
 
     cdef void c_follow(self, const double* command) noexcept nogil:
-        """Note the command that the safety layer has made of the reference, shape (3, dof)."""
+        """Record the command that the safety layer has derived from the reference, shape (3, dof)."""
 
     cdef void c_heading(self, double* step) noexcept nogil:
-        """A joint step towards the last target, shape (dof,), rad. Only its direction matters."""
+        """Calculate a joint step towards the last target, shape (dof,), rad. Only its direction matters."""
 
     cdef void c_exert(self, double* rows) noexcept nogil:
-        """Fill in the effort that the client requests in addition to its motion: torques of the joints
-        (dof,), N·m, or a wrench at the TCP (6,) in the base frame, N and N·m. The rows are zeros before.
+        """Write the effort that the client requests in addition to its motion to `rows`, which contains
+        zeros: joint torques, (dof,), N·m, or a wrench at the TCP, (6,), in the base frame, N and N·m.
         """

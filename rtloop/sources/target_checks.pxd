@@ -1,7 +1,7 @@
 from libc.math cimport isfinite
 
 
-# The result of the check of a streamed pose.
+# Result of the check of a streamed pose.
 cdef enum:
     POSE_PASSES = 0
     POSE_JUMPS = 1

@@ -16,11 +16,11 @@ from rtloop.results import ACCEPTED, Rejected
 JOINT_VELOCITY = 10.0
 LINEAR_VELOCITY = 10.0
 ANGULAR_VELOCITY = 50.0
-# The interval before there are two commands, and the bounds of a measured interval.
+# The interval that is assumed before there are two commands, and the bounds of a measured interval.
 DEFAULT_INTERVAL_S = 0.01
 MIN_INTERVAL_S = 0.001
 MAX_INTERVAL_S = 0.1
-# Maximum difference between the interval at which two commands were meant and that at which they arrived.
+# Maximum difference between the intended interval of two commands and the interval at which they arrived.
 cdef double SLACK_S = 0.01
 
 cdef double _JOINT_VELOCITY = JOINT_VELOCITY
@@ -42,17 +42,17 @@ cdef double joint_threshold(double interval_s, double max_velocity) noexcept nog
 cdef int c_joint_jump(
     const double* target, const double* last, int dof, double interval_s, const double* max_velocity
 ) noexcept nogil:
-    """The first joint that would have to jump from the last target to this one; -1 if there is none.
+    """Return the first joint that would have to jump from the last target to this one; -1 if there is none.
 
-    max_velocity: maximum velocity of the robot itself, shape (dof,), rad/s, or NULL. `SLACK_S` is added to
-    the interval, because an unpunctual client does not mean a jump.
+    `max_velocity` is the maximum velocity of the robot itself, shape (dof,), rad/s, or NULL. `SLACK_S` is
+    added to the interval, because jitter of the client is not a jump.
     """
     cdef double within_s = c_clamped_interval(interval_s)
     cdef double most
     cdef int joint
     for joint in range(dof):
         most = joint_threshold(within_s, max_velocity[joint] if max_velocity != NULL else INFINITY)
-        if not fabs(target[joint] - last[joint]) <= most:  # True for NaN too.
+        if not fabs(target[joint] - last[joint]) <= most:  # also true for NaN
             return joint
     return -1
 
@@ -71,7 +71,7 @@ cdef double angle_between(const double* first, const double* second) noexcept no
 cdef int c_pose_jump(
     const double* pose, const double* last, double interval_s, double max_linear, double max_angular
 ) noexcept nogil:
-    """Whether the TCP would have to jump, or to turn abruptly, from the last pose to this one."""
+    """Whether the TCP would have to jump or rotate abruptly from the last pose to this one."""
     cdef double within_s = c_clamped_interval(interval_s)
     if not distance_between(pose, last) <= max_linear * within_s:
         return POSE_JUMPS
@@ -81,7 +81,7 @@ cdef int c_pose_jump(
 
 
 def angular_distance(first, second):
-    """The angle in [0, π] between two orientations (w, x, y, z), rad."""
+    """Return the angle in [0, π] between two orientations (w, x, y, z), rad."""
     first, second = np.array(first, float), np.array(second, float)
     return angle_between(doubles(first, 4), doubles(second, 4))
 
@@ -92,8 +92,8 @@ def is_finite(values):
 
 
 def clamped_interval(double interval_s):
-    """The interval from which thresholds are calculated. It is limited, so that bursts and pauses give no
-    extreme thresholds.
+    """Return the interval from which thresholds are calculated. It is clamped, so that bursts and pauses do
+    not lead to extreme thresholds.
     """
     return c_clamped_interval(interval_s)
 
@@ -105,7 +105,7 @@ def check_joint_step(target, last, interval_s=DEFAULT_INTERVAL_S, max_velocity=N
         target, last: shape (dof,), rad.
         interval_s: time between the two commands, s.
         max_velocity: maximum velocity of the robot itself, shape (dof,), rad/s. `SLACK_S` is added to the
-            interval, because an unpunctual client does not mean a jump.
+            interval, because jitter of the client is not a jump.
         names: joint names, for the error.
     """
     if target.shape != last.shape:

@@ -1,4 +1,4 @@
-"""Conversion of joint torques into a joint reference for every cycle."""
+"""Converts joint torques to a joint reference for every cycle."""
 
 from libc.math cimport copysign, sqrt
 from libc.string cimport memcpy
@@ -15,12 +15,12 @@ cdef inline double clamped(double value, double bound) noexcept nogil:
 
 
 cdef class TorqueSource(Source):
-    """Joint torques, in addition to those for gravity and motion. The arm moves as these torques would move
-    it.
+    """A source of references that move the arm as the streamed torques would, in addition to those for
+    gravity and motion.
 
     The reference comes from a model of the arm, M(q) q'' = torque + external torque - damping, within the
-    limits of velocity, acceleration and jerk. The drives follow it with soft springs. So all limits hold in
-    this mode too, and the arm exerts the commanded torque on an obstacle.
+    limits of velocity, acceleration and jerk. The drives follow it with soft springs. So all limits also
+    apply in this mode, and the arm exerts the commanded torque on an obstacle.
     """
 
     def __init__(self, model, limits, double period_s):
@@ -65,7 +65,7 @@ cdef class TorqueSource(Source):
         self.dynamics.c_mass_matrix(position, mass)
         cholesky_solve(mass, self.dof, wanted)
         for joint in range(self.dof):
-            # So that the acceleration can be reduced to zero before the velocity reaches its limit.
+            # Limited so that the acceleration can be reduced to zero before the velocity reaches its limit.
             toward = copysign(velocity[joint], wanted[joint] * velocity[joint]) if wanted[joint] else 0.0
             room = 2.0 * self.rates.jerk[joint] * max(self.rates.velocity[joint] - toward, 0.0)
             most = min(self.rates.acceleration[joint], sqrt(room))
@@ -81,7 +81,7 @@ cdef class TorqueSource(Source):
         memcpy(rows, self.torque, self.dof * sizeof(double))
 
     cdef void c_heading(self, double* step) noexcept nogil:
-        """The heading is the torque. The mass matrix is positive definite, so the torque is within a right
-        angle of the motion.
+        """Use the torque as the heading. The mass matrix is positive definite, so the torque is within a
+        right angle of the motion.
         """
         memcpy(step, self.torque, self.dof * sizeof(double))

@@ -14,7 +14,9 @@ cdef extern from "<poll.h>" nogil:
 
 
 cdef class ClientWatch:
-    """Watches one process through a file descriptor of its own, which no other process can inherit."""
+    """Watches one process through a file descriptor for that process, which other processes cannot
+    inherit.
+    """
 
     def __init__(self):
         self.descriptor = -1
@@ -34,7 +36,7 @@ cdef class ClientWatch:
             self.descriptor = -1
 
     def gone(self):
-        """Whether the process has ended. Real-time safe: the kernel answers at once."""
+        """Return whether the process has ended. Real-time safe, because the kernel answers at once."""
         return self.c_gone()
 
     cdef bint c_gone(self) noexcept nogil:

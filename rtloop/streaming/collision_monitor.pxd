@@ -15,17 +15,17 @@ cdef class CollisionMonitor:
     cdef int _dof, _cycle, _tool
     cdef double _margin_m, _zone_m, _late_s
     cdef Rates _rates
-    cdef double _way[3][MAX_DOF]  # two places on the way to rest, and rest
+    cdef double _way[3][MAX_DOF]  # joint positions: two places on the way to rest, and rest
     cdef object _rows, _blocking, _links  # for each watched pair: zone and distances, m
     cdef double* _c_zones_m
     cdef double* _c_here
     cdef double* _c_there
     cdef double* _c_first
     cdef double* _c_second
-    # distances of `c_leads_away`, separate from those of a check in progress
+    # distances for `c_leads_away`, separate from those of a check in progress
     cdef double* _c_before
     cdef double* _c_after
-    cdef double* _c_floor                 # largest distance since the pair is inside the margin, m
+    cdef double* _c_floor                 # largest distance since the pair has been inside the margin, m
     cdef char* _c_blocking
     cdef char* _c_links                   # whether both parts belong to the arm
 

@@ -1,4 +1,4 @@
-"""Keeps a stream out of the arm itself and its surroundings."""
+"""Prevents a stream from colliding the arm with itself or its surroundings."""
 
 from libc.math cimport INFINITY, fabs, fmax, fmin
 
@@ -12,53 +12,54 @@ from rtloop.generators.rates cimport take_rates
 from cobot.robot.collision import body_or_geom, geom_pairs
 
 cdef enum:
-    # The distances are checked once in this number of cycles: at 1 m/s, every 4 mm.
+    # The distances are checked once per this number of cycles: at 1 m/s, every 4 mm.
     LOOK_CYCLES = 4
 
-# Maximum age of the motion on which a decision is based, in cycles. Each place is checked once in
-# LOOK_CYCLES, some cycles after the motion was read. The decision takes effect in the next cycle; until then
-# the arm continues.
+# Maximum age of the motion on which a decision is based, in cycles. Each place is checked once per
+# LOOK_CYCLES, a few cycles after the motion was read. The decision takes effect in the next cycle, and the
+# arm continues until then.
 cdef double LATE_CYCLES = LOOK_CYCLES + 2.0
-# The arm continues for T s before it brakes: a velocity v leads v T further. In a motion that begins, the
-# acceleration may grow as well, which adds up to 2 v T.
+# The arm continues for T s before it decelerates: at the velocity v it moves v T further. At the beginning of
+# a motion, the acceleration may also grow, which adds up to 2 v T.
 cdef double LEAD = 3.0
-# Joints come to rest one after the other, so the arm does not brake along a straight line. After these shares
-# of the time that braking takes, it has gone about a third and two thirds of the way.
+# Joints come to rest one after the other, so the arm does not decelerate along a straight line. After these
+# shares of the stopping time, it has moved about a third and two thirds of the way.
 cdef double FIRST_THIRD = 0.18
 cdef double SECOND_THIRD = 0.42
 
-# The share of the velocities that is permitted next to an obstacle.
+# The permitted share of the velocities next to an obstacle.
 cdef double MIN_SHARE = 0.1
-# A distance must decrease by this to count as an approach.
+# A distance that decreases by at least this is an approach.
 cdef double APPROACH_M = 1e-5
 # The value of `_c_floor` for two parts that are outside the margin.
 cdef double OUTSIDE = -1e9
-# No joint moves further in the step that tests a way out.
+# Maximum motion of a joint in the step that tests a way out.
 cdef double PROBE_RAD = 0.02
-# A smaller step is only rounding, of an arm that must not move: it has no direction.
+# A smaller step has no direction: it is only rounding of an arm that must not move.
 cdef double MIN_HEADING_RAD = 1e-6
-# A shorter step is extended to this length, because a step of some µm changes a distance too little.
+# A shorter step is extended to this length, because a step of a few µm changes a distance too little.
 cdef double MIN_PROBE_RAD = 0.002
-# Links slow down for each other if they are this close to the margin. These pairs also count when a way out
-# is tested.
+# Links slow down for each other if they are this close to the margin. These pairs are also checked when a way
+# out is tested.
 cdef double NEAR_M = 0.01
-# Links of the arm often pass close to each other. They slow the stream down only if stopping needs more than
-# this share of the space between them. So pairs further than NEAR_M / LINK_ROOM beyond the margin have no
-# effect, and are not measured.
+# Links of the arm often pass close to each other. They slow the stream down only if stopping takes more than
+# this share of the space between them. So pairs that are further than NEAR_M / LINK_ROOM beyond the margin
+# have no effect and are not measured.
 cdef double LINK_ROOM = 0.5
 
 
 cdef class CollisionMonitor:
-    """Checks the place where the arm could come to rest, and two places on the way there. Real-time safe.
+    """Checks the distances at the position where the arm could come to rest, and at two positions on the way
+    there. Real-time safe.
 
     Attributes:
         share: permitted share of the velocities, from `MIN_SHARE` to 1.
-        blocked: whether the arm would come to rest within the margin, or approaches further inside it.
-        inside: whether an obstacle is nearer than the margin.
+        blocked: whether the arm would stop inside the margin, or is inside it and moving closer.
+        inside: whether an obstacle is already inside the margin.
     """
 
     def __init__(self, model, section, double period_s, mj=None, apart=frozenset()):
-        """mj: model that includes the surroundings; apart: pairs of names that may touch."""
+        """`mj` is a model that includes the surroundings, `apart` are pairs of names that may touch."""
         cdef int room
         self._mj = mj or model.mj
         self._dof = take_rates(model.limits, &self._rates)
@@ -104,8 +105,8 @@ cdef class CollisionMonitor:
         self._rows[7] = OUTSIDE
         self._blocking[...] = False
         for index in range(len(watched)):
-            # The arm's own links are always close to each other. They slow down only if there is little room
-            # to stop.
+            # The arm's own links are always close to each other. They slow the arm down only if there is
+            # little room to stop.
             self._links[index] = links[index]
             self._rows[0, index] = NEAR_M if self._links[index] else self._zone_m
         self._cycle = 0
@@ -113,11 +114,11 @@ cdef class CollisionMonitor:
         self.blocked = self.inside = False
         rows = np.array(command, dtype=np.float64)
         if self._distances.c_find(doubles(rows, 3 * self._dof), self._c_here):
-            self._rows[2:5] = self._rows[1]  # The arm is at rest.
+            self._rows[2:5] = self._rows[1]  # the arm is at rest here
             self._see_inside()
 
     def blocking(self):
-        """The pairs of parts that would come too near to each other."""
+        """The pairs of parts that would come too close to each other."""
         found = dict.fromkeys(
             tuple(body_or_geom(self._mj, geom) for geom in pair)
             for index, pair in enumerate(self._watched)
@@ -126,14 +127,14 @@ cdef class CollisionMonitor:
         return tuple(found)
 
     def look(self, command):
-        """Check where the command leads, shape (3, dof)."""
+        """Check where the command, shape (3, dof), leads."""
         rows = np.array(command, dtype=np.float64)
         self.c_look(doubles(rows, 3 * self._dof))
 
     cdef void c_look(self, const double* command) noexcept nogil:
         """Like `look`, for compiled code; 3 × dof."""
         self._cycle += 1
-        # One place in a cycle, so that no cycle has all of the work.
+        # One position per cycle, to distribute the work.
         cdef int phase = self._cycle % LOOK_CYCLES
         if phase == 1:
             self._distances.c_find(command, self._c_here)
@@ -148,7 +149,9 @@ cdef class CollisionMonitor:
             self._judge()
 
     cdef void _find_way_to_rest(self, const double* command) noexcept nogil:
-        """Calculate the place where the arm comes to rest if it brakes now, and places on the way there."""
+        """Calculate the position where the arm comes to rest if it decelerates now, and positions on the way
+        there.
+        """
         cdef Profile profiles[MAX_DOF]
         cdef double there[3]
         cdef double longest_s = 0.0
@@ -164,7 +167,7 @@ cdef class CollisionMonitor:
             if otg_velocity(&problem, &profiles[joint]) == OTG_OK:
                 longest_s = fmax(longest_s, profiles[joint].duration)
                 self._way[2][joint] = profiles[joint].end_position
-            else:  # There may be no profile for numbers close to zero.
+            else:  # numbers close to zero, for which there may be no profile
                 profiles[joint].duration = -1.0
                 self._way[0][joint] = self._way[1][joint] = self._way[2][joint] = problem.position
         for joint in range(self._dof):
@@ -175,10 +178,10 @@ cdef class CollisionMonitor:
                 self._way[1][joint] = there[0]
 
     cdef void _extrapolate(self, int joint, const double* command, Problem* problem) noexcept nogil:
-        """The state that a joint may reach before the result of this check has an effect.
+        """Calculate the state that a joint may reach before the result of this check takes effect.
 
-        An accelerating joint continues to accelerate, and its acceleration may grow. It can at most double,
-        so that the joints keep their proportions at the beginning of a motion.
+        An accelerating joint continues to accelerate, and its acceleration may grow. It is assumed at most to
+        double, so that the joints keep their proportions at the beginning of a motion.
         """
         cdef double velocity = command[self._dof + joint], acceleration = command[2 * self._dof + joint]
         cdef double most = self._rates.acceleration[joint], time_s = self._late_s
@@ -192,7 +195,7 @@ cdef class CollisionMonitor:
             problem.acceleration = fmax(-most, fmin(2.0 * acceleration, most))
 
     cdef void _judge(self) noexcept nogil:
-        """Evaluate the distances at the current place and where the arm could come to rest."""
+        """Evaluate the distances at the arm's current position and where it could come to rest."""
         cdef const double* here = self._c_here
         cdef double share = 1.0
         cdef double nearest_m, left_m, zone_m
@@ -242,7 +245,7 @@ cdef class CollisionMonitor:
         return nearer
 
     cdef double _nearest(self, int index) noexcept nogil:
-        """The smallest distance of a pair on the way to rest."""
+        """Return the smallest distance of a pair on the way to rest."""
         return fmin(self._c_there[index], fmin(self._c_first[index], self._c_second[index]))
 
     def leads_away(self, position, heading):
@@ -252,7 +255,7 @@ cdef class CollisionMonitor:
 
     cdef bint c_leads_away(self, const double* position, const double* heading) noexcept nogil:
         """Whether a joint step in this direction approaches neither the blocking obstacle nor others that are
-        as near.
+        as close.
         """
         cdef double before
         cdef int index
@@ -271,8 +274,8 @@ cdef class CollisionMonitor:
         return self.c_leads_deeper(doubles(here, self._dof), doubles(step, self._dof))
 
     cdef bint c_leads_deeper(self, const double* position, const double* heading) noexcept nogil:
-        """Whether a joint step in this direction brings parts nearer that are already inside the margin.
-        These parts are then `blocking`.
+        """Whether a joint step in this direction brings parts closer that are already inside the margin. If
+        it does, they are `blocking`.
         """
         cdef bint deeper = False
         cdef double longest = 0.0
@@ -281,8 +284,8 @@ cdef class CollisionMonitor:
             longest = max(longest, fabs(heading[index]))
         if longest < MIN_HEADING_RAD:
             return False
-        # This runs in the cycle of each target, so pairs that were far away at the last check are left out.
-        # No pair comes nearer by NEAR_M in the few cycles since then, and the next check blocks a pair that
+        # This runs in the cycle of each target, so pairs that were far away at the last check are omitted. No
+        # pair can come closer by NEAR_M in the few cycles since then, and the next check blocks a pair that
         # enters the margin.
         if not self._probe(position, heading, self._margin_m + NEAR_M):
             return True
@@ -324,8 +327,8 @@ cdef class CollisionMonitor:
 
 
 def _stand(mj):
-    """Names of the bodies on which the first joint is mounted, including bodies fixed to them. They belong to
-    the arm, although they stand still like the world. Bodies below them do not.
+    """Return the names of the bodies on which the first joint is mounted, including bodies fixed to them.
+    They are part of the arm, although like the world they do not move. Bodies below them are not.
     """
     first = int(mj.body_parentid[mj.jnt_bodyid[0]])
     bodies = {first} if first else set()

@@ -1,4 +1,4 @@
-"""Limits of the external efforts, above which a session ends."""
+"""Limits for the external efforts, above which a session ends."""
 
 from libc.math cimport INFINITY, fabs
 
@@ -22,12 +22,12 @@ cdef class ContactMonitor:
         self.found = 0.0
 
     def begin(self, torques, wrench):
-        """Set the limits for the joints, shape (dof,), N·m, and for the TCP, (6,), N and N·m."""
+        """Set the limits for the joints, shape (dof,), N·m, and for the TCP, shape (6,), N and N·m."""
         for index, value in enumerate((*torques, *wrench)):
             self.largest[index] = value
 
     def reason(self):
-        """The last exceeded limit."""
+        """Describe the last limit that was exceeded."""
         axis, unit = self.worst - self.dof, "N·m"
         name = self.names[self.worst] if axis < 0 else AXES[axis]
         if axis < 0:
@@ -41,7 +41,7 @@ cdef class ContactMonitor:
         return Reason(words, ReasonCode.CONTACT, of=(name,), value=self.found, limit=limit, unit=unit)
 
     def check(self, external):
-        """Whether the torques (dof,) and the wrench (6,), one after the other in an array, exceed the
+        """Return whether the torques, (dof,), and the wrench, (6,), concatenated in one array, exceed the
         limits.
         """
         row = np.array(external, float)

@@ -1,7 +1,7 @@
 """Feeds pass a session's targets to its source: the newest setpoint, or points from a queue.
 
-The arm is held in three cases: an invalid target, no target for too long, and a stopping place too near to an
-obstacle. Then a stream of setpoints continues with the next target; a servo session ends.
+The arm is held if a target is invalid, if there has been no target for too long, or if it would stop too
+close to an obstacle. A stream of setpoints then continues with the next target; a servo session ends.
 """
 
 import numpy as np
@@ -18,11 +18,11 @@ cdef int COUNT_COLLISION = Intervention.COLLISION
 cdef int COUNT_PROXIMITY = Intervention.PROXIMITY
 cdef int COUNT_LATE = Intervention.LATE
 
-# A client that announced a longer period is not silent yet.
+# A client with a longer stated period is not silent yet.
 cdef int PERIODS_TO_TIMEOUT = 3
-# Maximum time for which a servo session uses its remaining points after a request to end.
+# Maximum time in which a servo session uses its remaining points after a request to end.
 cdef double FINISH_S = 1.0
-# The assumed time since the last target for the first target; or one command period, if that is longer.
+# For the first target: the assumed time since the last one, or one command period if that is longer.
 cdef double DEFAULT_INTERVAL_S = 0.01
 
 
@@ -53,19 +53,18 @@ cdef class Feed:
         self.c_advance(doubles(torques, self.source.dof), doubles(exerted, 6), robot_time_s)
 
     def watch_surroundings(self):
-        """Slow down near obstacles, and hold the arm if it would come to rest too near to them."""
+        """Slow down near obstacles, and hold the arm if it would stop too close to them."""
         self.c_watch_surroundings()
 
     cdef void c_advance(self, const double* external_effort, const double* wrench,
                         double robot_time_s) noexcept nogil:
-        """Like `advance`. Afterwards `holding`, `problem` and `source.reference` determine what happens."""
+        """Like `advance`. The result is in `holding`, `problem` and `source.reference`."""
 
     cdef void c_watch_surroundings(self) noexcept nogil:
         """Like `watch_surroundings`, for compiled code."""
         cdef double share
         cdef double state[3 * MAX_DOF]
-        # The velocities in the command are those that the client states, so the real motion is
-        # used.
+        # The velocities in the command are stated by the client, so the actual motion is used instead.
         self.safety.c_motion(state)
         self.monitor.c_look(state)
         share = self.monitor.share
@@ -87,7 +86,7 @@ cdef class Feed:
             self.c_hold(flaw - 1)
         elif self.blocked:
             self.source.c_heading(heading)
-            # An arm that is still moving there brakes first, because at a high speed a step says little.
+            # An arm that is still moving there decelerates first, because at a high speed a step says little.
             self.blocked = self.monitor.blocked or not self.monitor.c_leads_away(
                 self.safety.c_command, heading
             )
@@ -99,10 +98,10 @@ cdef class Feed:
             self.holding = False
 
     cdef void c_follow_unless_deeper(self, const double* heading) noexcept nogil:
-        """Inside the margin, hold if a joint step in this direction leads deeper.
+        """Inside the margin, hold the arm if a joint step in this direction leads further inside.
 
-        Watching the surroundings alone would stop the arm only after it has begun to move. A client that
-        begins again and again would come a little nearer each time.
+        Watching the surroundings alone would stop the arm only after it has begun to move, so a client that
+        begins again and again would come a little closer each time.
         """
         if self.monitor.c_leads_deeper(self.safety.c_command, heading):
             self.blocked = True
@@ -116,13 +115,14 @@ cdef class Feed:
         self.holding = True
 
     cdef void c_end(self, Problem problem) noexcept nogil:
-        """Mark the session as unable to continue. If called several times, the first reason counts."""
+        """Mark the session as unable to continue. Only the problem from the first call is kept."""
         if self.problem == NO_PROBLEM:
             self.problem = problem
 
 
 cdef class TargetFeed(Feed):
-    """The feed for setpoints: the newest one every few cycles, moves to a pose, and chunks of timed targets.
+    """The feed for setpoints, of which the newest is used every few cycles, for moves to a pose, and for
+    chunks of timed targets.
 
     Attributes:
         setpoint_seen, move_seen, chunk_seen: numbers of the last processed setpoint, move and chunk.
@@ -130,7 +130,7 @@ cdef class TargetFeed(Feed):
 
     def __init__(self, Source source, Safety safety, CollisionMonitor monitor, StreamInbox box,
                  double period_s, request, long long timeout_cycles):
-        """request: request for the session, a record of `cobot.ipc.layout.session_dtype`."""
+        """`request` is the request for the session, a record of `cobot.ipc.layout.session_dtype`."""
         super().__init__(source, safety, monitor, box, period_s)
         self.has_joints = isinstance(source, JointSource)
         self.has_poses = isinstance(source, CartesianSource)
@@ -144,7 +144,7 @@ cdef class TargetFeed(Feed):
         self.setpoint_seen = self.move_seen = self.chunk_seen = self.cancel_seen = 0
         self.live = self.target_waits = False
         self.silent_cycles = self.starved = 0
-        self.untaken_cycles = self.decimation  # The first target is taken at once.
+        self.untaken_cycles = self.decimation  # the first target is used at once
 
     @property
     def move_running(self):
@@ -173,7 +173,7 @@ cdef class TargetFeed(Feed):
         return self.has_poses and self.poses.move_running
 
     cdef void c_read_setpoint(self) noexcept nogil:
-        """Read new data from the client: moves at once, a setpoint when one is due."""
+        """Read new data from the client: a move at once, a setpoint when one is due."""
         if self.box.setpoint.c_take_news():
             self.target_waits = True
             if self.has_poses and self.setpoint.session[0] == self.session:
@@ -224,22 +224,22 @@ cdef class TargetFeed(Feed):
         if flaw == FINE or flaw == NOT_FINITE:
             self.live = False
             self.c_judge(flaw)
-        if flaw > NOT_FINITE:  # The previous chunk continues.
+        if flaw > NOT_FINITE:  # the previous chunk continues instead
             self.safety.c_count(flaw - 1)
         elif self.joints.c_late() != late:
             self.safety.c_count(flaw - 1 if flaw else COUNT_LATE)
 
     cdef void c_end_hold(self) noexcept nogil:
-        """End the waiting, because there is a target. The source continues from the arm's current state."""
+        """Stop waiting, because there is a target. The source continues from the arm's current state."""
         if self.holding:
             self.source.c_begin(self.safety.c_command)
 
 
 cdef class PointFeed(Feed):
-    """The feed for servo sessions. It omits no point.
+    """The feed for servo sessions, which uses every point.
 
     Attributes:
-        points: the source that fetches the points. `source` adds force control to it, or is the same object.
+        points: the source that fetches the points. `source` is the same object, or adds force control to it.
     """
 
     def __init__(self, Source source, ServoSource points, Safety safety, CollisionMonitor monitor,

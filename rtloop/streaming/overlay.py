@@ -11,12 +11,10 @@ from cobot.types import Array, JointLimits
 from rtloop.backends import Backend, ImpedanceControlled, TorqueControlled, WrenchControlled
 
 RISE_S = 0.1
-"""Time in which a force or torque rises from zero to its maximum, or falls back to zero, s. The ramp avoids
-jumps.
-"""
+"""Time in which a force or torque rises from zero to its maximum or falls back to zero, s, to avoid jumps."""
 MAX_WRENCH = np.array([150.0] * 3 + [30.0] * 3)
-"""Maximum force and torque, N and N·m. A maximum is needed because with compliant drives only the
-surroundings limit the motion that a force causes.
+"""Maximum force and torque, N and N·m. It is needed because, with compliant drives, only the surroundings
+limit the motion that a force causes.
 """
 
 
@@ -30,7 +28,7 @@ class Overlay:
     def __init__(self, write: Callable[[Array], None], most: Array, period_s: float) -> None:
         """
         Args:
-            write: the backend's method.
+            write: the backend's method that sets the force or torque.
             most: maximum of each value.
         """
         self._write, self._most, self._step = write, most, most * period_s / RISE_S

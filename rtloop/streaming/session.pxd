@@ -17,7 +17,7 @@ cdef class Session:
     cdef PointFeed points
     cdef bint has_targets, has_points, _released
     cdef readonly bint guided
-    cdef public object _backend  # A session checks at its beginning whether the backend is compliant.
+    cdef public object _backend  # the backend; each session checks whether it is compliant
     cdef readonly object overlay, t1_share
     cdef object _exerted, _backend_name
     cdef double* _c_exerted

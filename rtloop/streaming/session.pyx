@@ -32,7 +32,7 @@ MODES = {
 cdef int COUNT_CONTACT = Intervention.CONTACT
 # Number of cycles between two checks whether the client's process still exists.
 cdef long long ALIVE_CYCLES = 50
-# If a pose is limited to the TCP velocity, the joints must follow it only a little faster.
+# If a pose is limited to the TCP velocity, the joints must follow it only slightly faster.
 CATCH_UP_RAD_S = 0.05
 # The springs that follow a torque-controlled reference are much softer than the estimate of external torques
 # can follow; otherwise both would oscillate against each other.
@@ -40,15 +40,15 @@ TORQUE_FREQUENCY_RAD_S = 12.0
 
 
 cdef class Session:
-    """A session, which follows one client's targets. Methods with the prefix `c_` are real-time safe, the
-    others run at rest.
+    """A session, which follows one client's targets. Methods with the prefix `c_` are real-time safe; the
+    others are called at rest.
 
     Attributes:
         box: the blocks of the client.
         session: number of the session that moves the arm, 0 for none.
         mode: rtloop's mode for this session.
-        t1_share: share of the joints' speed in T1, None if the session was not begun in T1.
-        guided: whether the device itself lets a person guide the arm. Then there are no targets.
+        t1_share: permitted share of the joints' maximum speed in T1; None if the session was not begun in T1.
+        guided: whether the device itself lets a person guide the arm. In that case there are no targets.
         overlay: adds forces or torques to positions, a `rtloop.streaming.overlay.Overlay`; None if positions
             and an impedance suffice.
     """
@@ -92,7 +92,7 @@ cdef class Session:
         return self.targets is not None and self.targets.c_move_running()
 
     def explain_end(self):
-        """The reason why the feed ends the session. Call it only if the feed has a `problem`."""
+        """Return the reason why the feed ends the session. Call this only if the feed has a `problem`."""
         cdef int problem = self.feed.problem
         if problem == CONTACT:
             return self._contact_monitor.reason()
@@ -111,7 +111,7 @@ cdef class Session:
         }[problem]
 
     def explain_not_finite(self):
-        """Name the streamed value that is not finite. Call it only if the feed has found one."""
+        """Name the streamed value that is not finite. Call this only if the feed has found one."""
         return (self.points.points if self.has_points else self.feed.source).explain()
 
     def watch(self, CollisionMonitor monitor):
@@ -119,7 +119,7 @@ cdef class Session:
         self._collision_monitor = monitor
 
     def open(self, command, mode, stops, t1_share=None):
-        """Begin the session that a client requests.
+        """Begin the session that a client has requested.
 
         Args:
             command: commanded position of the arm, at rest, shape (3, dof).
@@ -149,7 +149,7 @@ cdef class Session:
         return result
 
     def close(self):
-        """End the session and switch the arm, which is at rest, to position control.
+        """End the session, and switch the arm, which is at rest, to position control.
 
         Returns:
             `ACCEPTED`, or `Rejected` if the robot refuses; the session has ended in both cases.
@@ -173,7 +173,9 @@ cdef class Session:
         return held
 
     def end_guiding(self):
-        """Let the device hold the arm again, if a person guides it. Returns `Rejected` if it refuses."""
+        """If a person is guiding the arm, make the device hold it again. Returns `Rejected` if the device
+        refuses.
+        """
         released, self._released = self._released, False
         return self._guide(self._backend.end_guiding) if released else ACCEPTED
 
@@ -196,7 +198,7 @@ cdef class Session:
 
     def _begin(self, request, command):
         stream = Stream(int(request["stream"]))
-        # Poses have limits of their own. For torques only the robot's limits apply.
+        # Poses have separate limits. For torques, only the robot's limits apply.
         guided = stream is Stream.GUIDED
         joints = stream is Stream.JOINT_IMPEDANCE or guided or int(request["servo_mode"]) != ServoMode.NONE
         within = self._session_limits
@@ -258,14 +260,14 @@ cdef class Session:
         return Impedance(False, request["stiffness"].copy(), request["damping_ratio"].copy())
 
     def lay_over(self, bint streaming):
-        """Apply the client's force or torque, or none while the arm stops."""
+        """Apply the client's force or torque, or none while the arm is stopping."""
         memset(self._c_exerted, 0, len(self._exerted) * sizeof(double))
         if streaming:
             self.feed.source.c_exert(self._c_exerted)
         self.overlay.follow(self._exerted[:len(self.overlay.exerted)])
 
     cdef void c_advance(self, const double* external, double robot_time_s) noexcept nogil:
-        """Advance by one period. Afterwards the feed determines what happens.
+        """Advance by one period. The result is in the feed.
 
         Args:
             external: external torques on the joints (dof,), N·m, followed by the external wrench at the TCP
@@ -287,7 +289,7 @@ cdef class Session:
             self.feed.c_end(OBSTACLE)
 
     cdef void c_describe(self, StateScalars* state) noexcept nogil:
-        """Fill in the state block's fields about the session; counters stay until the next one begins."""
+        """Fill in the state block's fields about the session. Counters stay until the next session begins."""
         state.session = self.session
         state.setpoint_seen = state.move_seen = state.move_running = state.chunk_seen = 0
         state.point_seen = state.points_taken = state.points_dropped = 0
@@ -306,11 +308,11 @@ cdef class Session:
             state.underruns = self.points.points.underruns
 
     cdef long long c_torn_reads(self) noexcept nogil:
-        """Number of inconsistent reads of the client's blocks."""
+        """Return the number of inconsistent reads of the client's blocks."""
         return self.box.c_torn_reads() + self._queue.c_torn_reads()
 
     cdef bint c_from_service(self) noexcept nogil:
-        """Whether this is a servo session or hand guiding by the device. The service keeps both going, so no
-        other client can end them.
+        """Whether this is a servo session or hand guiding by the device. The service runs both, so no other
+        client can end them.
         """
         return self.session != 0 and (self.has_points or self.guided)

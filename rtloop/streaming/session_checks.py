@@ -1,5 +1,5 @@
-"""Checks of a session request for this robot. They are needed because any client may write to shared
-memory.
+"""Checks that a session request is valid for this robot. They are needed because any client may write to
+shared memory.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ UNIT_TOLERANCE = 1e-2
 
 
 def check_session(request: np.ndarray, backend: Backend, name: str) -> Accepted | Rejected:
-    """Check whether a session request, a record of `cobot.ipc.layout.session_dtype`, suits this robot.
+    """Check that a session request, a record of `cobot.ipc.layout.session_dtype`, is valid for this robot.
 
     Args:
         name: name of the backend, for messages.
@@ -86,7 +86,7 @@ def _check_servo(request: np.ndarray) -> Accepted | Rejected:
 
 
 def _check_capabilities(request: np.ndarray, device: Capabilities, name: str) -> Accepted | Rejected:
-    """Check whether the device has all capabilities that the session needs."""
+    """Check that the device has all capabilities that the session needs."""
     torques = request["stream"] == Stream.JOINT_TORQUE
     force = bool(request["force_axes"].any())
     wrench = bool(np.isfinite(request["max_contact_wrench"]).any())

@@ -10,10 +10,10 @@ from cobot.types import CartesianLimits, JointLimits
 from rtloop.backends.agreement import REDUCED_M_S
 
 MIN_SHARE = 0.01
-"""Minimum share of the joints' speed for a session."""
+"""Minimum permitted share of the joints' speed for a session."""
 POSES_SHARE, FORCE_SHARE = 0.8, 0.4
-"""Shares of the reduced speed that are available for following poses and for additional force control. Even
-when both act together with the correction of deviations, the reduced speed is kept.
+"""Shares of the reduced speed for following poses and for additional force control. Even if both act at the
+same time as the correction of deviations, the TCP keeps within the reduced speed.
 """
 
 
@@ -34,8 +34,8 @@ class SessionLimits:
     force_m_s: float = np.inf
 
     def in_t1(self, share: float) -> SessionLimits:
-        """The limits in T1. Joint streams get this share of the joints' speed, like planned motions. Pose
-        streams get the reduced speed of the TCP; their angular speed is reduced by the same factor.
+        """Return the limits in T1. Like planned motions, joint streams get this share of the joints' speed.
+        Pose streams get the reduced speed of the TCP; their angular speed is reduced by the same factor.
         """
         most = share * self.torques.max_velocity
         linear = min(self.tcp.max_linear_velocity, POSES_SHARE * REDUCED_M_S)

@@ -1,8 +1,8 @@
 """Obstacles that streams must avoid and that are not part of the model: the scene's objects and the tool's
 shapes, read from their files.
 
-A thread reads and compiles the obstacles while the arm is at rest and no session begins. The cycle only takes
-over the finished collision monitor.
+A thread reads and compiles the obstacles while the arm is at rest and no session may begin. The cycle only
+switches to the finished collision monitor.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from rtloop.results import LATER, Later, Rejected
 from rtloop.streaming.collision_monitor import CollisionMonitor
 
 SWITCH_S = 1e-4
-"""Maximum time for which the thread may block the cycle while the thread is running Python code, s."""
+"""Maximum time for which the thread's Python code may block the cycle, s."""
 
 
 class Surroundings:
@@ -68,9 +68,7 @@ class Surroundings:
         self._thread.start()
 
     def take(self) -> CollisionMonitor | Later | Rejected:
-        """Return the monitor that the thread has finished. Each monitor is returned once; `Later` while there
-        is no new one.
-        """
+        """Return the monitor that the thread has finished, once; `Later` while there is no new one."""
         if self._thread is None or self._thread.is_alive():
             return LATER
         self._thread = None
