@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from cobot.errors import CobotError, LimitError, PlanningError
+from cobot.errors import CobotError, LimitError, PlanningError, UnreachableError
 from cobot.findings import Explanation, Failure, Kind, Remedy
 from cobot.motions.planners import BODY_FIELDS, PlannerName, Way
 from cobot.motions.requests import MotionRequest
 from cobot.planners import plan
 from cobot.planners.escape import exits
 from cobot.planners.goals import joint_goals
+from cobot.planners.path.cartesian import free_share
 from cobot.planners.path.continued import obstacle_along, share_along
 from cobot.planners.path.ends import reachable
 from cobot.planners.path.lin import straight_line
@@ -126,7 +127,7 @@ def _ideas(
         yield "goal", _other_goals(robot, request)
     if checks & {"limit", "reach", "redundancy", "singularity", "collision"}:
         yield "branch", _other_branches(robot, request)
-    yield "planner", _other_planners(request)
+    yield "planner", _other_planners(robot, request)
     yield "goal", _shorter(robot, request, error)
     if "reach" in checks and not at_goal:
         yield "goal", _other_goals(robot, request)
@@ -165,13 +166,20 @@ def _is_the_path(request: MotionRequest) -> bool:
     return bool(request.through) or request.is_by_angle
 
 
-def _other_planners(request: MotionRequest) -> Iterator[Idea]:
+def _other_planners(robot: RobotDescription, request: MotionRequest) -> Iterator[Idea]:
     """A planner that goes around obstacles and can leave an invalid start."""
     if _is_the_path(request):
         return
-    planner = request.traits.alternative
+    planner, gap_m = request.traits.alternative, _gap_m(robot, request)
     along = ", not along the path" if request.traits.way is Way.PATH else ""
-    yield Idea(_searching(request, planner), f"with planner {planner}{along}")
+    problem = UnreachableError(f"the goal is out of reach by {gap_m:.3g} m") if gap_m > MIN_GAP_M else None
+    yield Idea(_searching(request, planner), f"with planner {planner}{along}", problem=problem)
+
+
+def _gap_m(robot: RobotDescription, request: MotionRequest) -> float:
+    """A lower bound of the distance from the goal to the arm's reach; 0 for joint angles."""
+    goal = request.goal
+    return reach_gap(robot.model, goal, request.free_axes) if isinstance(goal, Pose) else 0.0
 
 
 def _searching(request: MotionRequest, planner: PlannerName = PlannerName.AUTO) -> dict[str, Any]:
@@ -197,8 +205,8 @@ def _other_starts(robot: RobotDescription, request: MotionRequest) -> Iterator[I
     """For an invalid start, the nearest valid starts. For a path, different joint angles at the same TCP
     pose, to which the arm can go first.
     """
-    limits, goal = robot.limits, request.goal
-    if isinstance(goal, Pose) and not request.is_by_angle and reach_gap(robot.model, goal) > MIN_GAP_M:
+    limits = robot.limits
+    if not request.is_by_angle and _gap_m(robot, request) > MIN_GAP_M:
         return
     inside = np.clip(request.start, limits.min_position, limits.max_position)
     if not robot.collision.is_free(inside):
@@ -303,10 +311,9 @@ def _shorter(robot: RobotDescription, request: MotionRequest, error: CobotError)
     if request.planner is not PlannerName.LIN or not shares or not isinstance(request.goal, Pose):
         return
     most, line = max(shares), straight_line(robot.model.forward(request.start), request.goal)
-    if robot.model.kinematics(request.free_axes).arm_angle is None:
-        # Few lines lead as far as a search with many joint angles, and each trial takes a long time.
-        simple = share_along(robot, request.start, replace(line, free=request.free_axes))
-        most = simple if SHORT_OF[0] * simple >= MIN_SHARE else most
+    free = free_share(robot, request.start, replace(line, free=request.free_axes))
+    if SHORT_OF[0] * free >= MIN_SHARE:  # few lines lead further, and each trial takes a long time
+        most = min(most, free + 1.0 / line.places)
     for part in SHORT_OF:
         share = part * most
         if share >= MIN_SHARE:

@@ -16,7 +16,7 @@ from cobot.errors import CobotError, InputError, PlanningError, UnreachableError
 from cobot.findings import Finding
 from cobot.motions.requests import MotionRequest
 from cobot.planners.goals import is_there
-from cobot.planners.path.continued import SAME_RAD, STEPS, continued, joints_at, moving
+from cobot.planners.path.continued import SAME_RAD, STEPS, continued, joints_at, moving, share_along
 from cobot.planners.path.joint_path import through
 from cobot.planners.path.null_space import FEW, FINER, MANY, Particles
 from cobot.planners.path.redundancy import ENCLOSING, MESHES, Profile, RedundancyGraph
@@ -152,25 +152,36 @@ def _plan_redundancy(
     arm = robot.model.kinematics(path.free)
     if arm.arm_angle is None:
         return _plan_by_particles(robot, start, path, end) if arm.redundant else (None, reached)
-    if not possible:
-        enclosing = RedundancyGraph(robot, start, path, ENCLOSING, end, leading_on=True)
-        if not enclosing.has_way(free=False):  # routes of this mesh may get further than those of the others
-            finest = RedundancyGraph(robot, start, path, MESHES[-1], end, leading_on=True)
-            finest.has_way(free=False)
-            return None, finest.reached
-        if not enclosing.has_way(free=True):
-            return None, 1.0
+    is_open = possible
     for mesh in MESHES[: 1 if possible else len(MESHES)]:
-        graph = RedundancyGraph(robot, start, path, mesh, end)
-        for free in (False, True):
-            for profile in graph.profiles(free):
-                found = _along(robot, start, path, graph.shares, profile, end)
-                if found is not None and _is_free(robot, found):
-                    return found, 1.0
-            if graph.reached < 1.0:
+        leading = RedundancyGraph(robot, start, path, mesh, end, leading_on=True)
+        if not leading.has_way(free=False):
+            reached = reached if reached == 1.0 else leading.reached
+            continue
+        reached = 1.0
+        if not leading.has_way(free=True):
+            if not is_open and not RedundancyGraph(robot, start, path, ENCLOSING, end, True).has_way(free=True):
                 break
-        reached = max(reached, graph.reached)
+            is_open = True
+            continue
+        graph = RedundancyGraph(robot, start, path, mesh, end)
+        for profile in graph.profiles():
+            found = _along(robot, start, path, graph.shares, profile, end)
+            if found is not None and _is_free(robot, found):
+                return found, 1.0
     return None, reached
+
+
+def free_share(robot: RobotDescription, start: Array, path: TcpPath) -> float:
+    """The share of a path up to which joints lead from `start` with no collision at the even places. This is
+    a quick estimate, not a proof.
+    """
+    simple = share_along(robot, start, path)
+    if robot.model.kinematics(path.free).arm_angle is None:
+        return simple
+    graph = RedundancyGraph(robot, start, path, MESHES[0], leading_on=True)
+    graph.has_way(free=True)
+    return max(simple, graph.reached)
 
 
 def _plan_by_particles(

@@ -152,20 +152,28 @@ class RedundancyGraph:
         self._cost: dict[int, Array] = {}
         self.reached = 0.0
 
-    def profiles(self, free: bool) -> Iterator[Profile]:
-        """The profiles of each branch at the start, smoothest first; see `_cheapest`."""
+    def profiles(self) -> Iterator[Profile]:
+        """The profiles of the cheapest way in each branch at the start, smoothest first, and then those of
+        the cheapest way through collision-free nodes.
+        """
         from scipy.interpolate import BSpline
 
-        for branch in self._branches:
-            angles = self._cheapest(branch, free)
-            if angles is not None:
+        known: dict[int, Array] = {}
+        for free in (False, True):
+            for branch in self._branches:
+                angles = self._cheapest(branch, free)
+                if angles is None:
+                    continue
                 corridor = self._corridor(angles[1:], branch, free)
+                way = np.vstack([angles[1:], corridor])
+                if branch in known and np.array_equal(known[branch], way):
+                    continue  # its profiles would be the same
+                known[branch] = way
                 if self._end is not None:  # the last node represents the end itself
                     angles[-1] += (self._end[0] - angles[-1] + np.pi) % (2.0 * np.pi) - np.pi
                 for smoothness in SMOOTHNESS:
                     curve = _smooth_within(angles, corridor, smoothness, self._end is not None)
-                    spline = BSpline(*curve, DEGREE)
-                    yield Profile(self._arm, self._path, branch, spline)
+                    yield Profile(self._arm, self._path, branch, BSpline(*curve, DEGREE))
 
     def has_way(self, free: bool) -> bool:
         """Whether at least one route reaches the end. With `free`, the route must pass through collision-free
@@ -225,10 +233,7 @@ class RedundancyGraph:
         if free:
             costs = np.where(self._are_free(branch), costs, np.inf)
         weights, mesh = 1.0 / self._robot.limits.max_velocity, self._mesh
-        indices, reached = cheapest(
-            self._rows[branch], costs, self._start, weights, mesh.window, mesh.step_rad
-        )
-        self.reached = max(self.reached, float(self.shares[reached]))
+        indices, _ = cheapest(self._rows[branch], costs, self._start, weights, mesh.window, mesh.step_rad)
         if len(indices) == 0:
             return None
         angle, _ = self._arm.of(self._start)

@@ -63,11 +63,11 @@ def row_of(pose: Pose) -> Array:
     return np.concatenate([pose.position, pose.quaternion])
 
 
-def reach_gap(model: RobotModel, pose: Pose) -> float:
+def reach_gap(model: RobotModel, pose: Pose, free: tuple[FreeAxis, ...] = ()) -> float:
     """A lower bound of the distance of a pose from the arm's reach in this orientation, m. It is 0 if the
     pose is within reach, or if only joint limits that do not bound the reach prevent the pose.
     """
-    return model.inverse_kinematics.gap(row_of(pose))
+    return model.kinematics(free).gap(row_of(pose))
 
 
 def solve_near(
