@@ -160,7 +160,9 @@ def _plan_redundancy(
             continue
         reached = 1.0
         if not leading.has_way(free=True):
-            if not is_open and not RedundancyGraph(robot, start, path, ENCLOSING, end, True).has_way(free=True):
+            if not is_open and not RedundancyGraph(robot, start, path, ENCLOSING, end, True).has_way(
+                free=True
+            ):
                 break
             is_open = True
             continue
@@ -188,11 +190,17 @@ def _plan_by_particles(
     robot: RobotDescription, start: Array, path: TcpPath, end: Array | None
 ) -> tuple[JointCurve | None, float]:
     """The same result as `_plan_redundancy`, for an arm without an arm angle."""
-    reached = 0.0
+    reached, first = 0.0, None
     for count, factor in ((FEW, 1), (MANY, 1), (FEW, FINER), (MANY, FINER)):
         if count == MANY and reached < (FAR if factor == 1 else 1.0):
             continue
+        if first is not None and reached < 1.0:
+            goes_on = first.may_go_on(count, factor)
+            reached = max(reached, first.reached)
+            if not goes_on:
+                continue
         particles = Particles(robot, start, path, count, factor, end)
+        first = first or particles
         for rows in particles.ways():
             try:
                 found = through(robot, path, particles.shares, rows, joints_at(robot, path))

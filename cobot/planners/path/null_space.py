@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+import numpy.typing as npt
 
 from cobot.planners.lattice import link
 from cobot.planners.path.joint_path import POSE_SHARE
@@ -36,6 +37,7 @@ INSIDE_RAD = 8e-3
 """Distance that the path keeps from joint limits, rad or m, unless the start is nearer to a limit. The
 splines between places need this margin, or less if places are closer together.
 """
+AHEAD = 2
 STEPS = 30
 SMOOTHINGS = (60, 15, 4)
 """Numbers of smoothing rounds. If the smoothed route touches something, the next smaller number is used."""
@@ -66,14 +68,17 @@ class Particles:
         """
         self._robot, self._arm = robot, robot.model.kinematics(path.free)
         self._count, self._random = count, np.random.default_rng(count)
-        limits = robot.limits
-        self._low = np.minimum(limits.min_position + INSIDE_RAD / factor, start)
-        self._high = np.maximum(limits.max_position - INSIDE_RAD / factor, start)
+        self._path, self._start = path, start
+        self._keep_inside(INSIDE_RAD / factor)
         places = max(path.places, path.length_m / PLACE_M, path.angle_rad / PLACE_RAD)
         self.shares = np.linspace(0.0, 1.0, factor * min(MAX_PLACES, int(np.ceil(places))) + 1)
         self._poses = path.poses(self.shares)
         self.reached = 0.0
         self._end = end
+        self._last: list[tuple[Array, Array]] = []
+        """The configurations at the last two places that ways reach, and the costs of these ways."""
+        self._next = 0
+        """Index of the place after them."""
         self._way = self._carry(start)
 
     def ways(self) -> Iterator[Array]:
@@ -83,26 +88,56 @@ class Particles:
         for count in SMOOTHINGS if self._way is not None else ():
             yield self._smooth(count)
 
+    def may_go_on(self, count: int, factor: int) -> bool:
+        """Whether so many configurations, or so many more places with less room to the limits, lead `AHEAD`
+        places past the place where all ways end. They are tried from the last two places before it.
+        """
+        if self._end is not None:
+            return True
+        self._count = count
+        self._keep_inside(INSIDE_RAD / factor)
+        rows, costs = self._last[0]
+        begin, end = self._next - len(self._last), min(self._next + AHEAD, len(self.shares) - 1)
+        shares = np.linspace(self.shares[begin], self.shares[end], factor * (end - begin) + 1)[1:]
+        for share, pose in zip(shares, self._path.poses(shares), strict=True):
+            rows, costs, _ = self._step(rows, costs, pose, 0)
+            if len(rows) == 0:
+                return False
+            self.reached = max(self.reached, float(share))
+        return True
+
+    def _keep_inside(self, room_rad: float) -> None:
+        limits = self._robot.limits
+        self._low = np.minimum(limits.min_position + room_rad, self._start)
+        self._high = np.maximum(limits.max_position - room_rad, self._start)
+
     def _carry(self, start: Array) -> Array | None:
         rows, costs = start[None], np.zeros(1)
         history, parents = [rows], [np.zeros(1, dtype=np.intp)]
         for place, (share, pose) in enumerate(zip(self.shares[1:], self._poses[1:], strict=True), start=1):
-            found = self._around(rows, costs, pose, len(self.shares) - place)
-            if len(found) == 0:
+            self._last, self._next = [*self._last[-1:], (rows, costs)], place
+            rows, costs, parent = self._step(rows, costs, pose, len(self.shares) - place)
+            if len(rows) == 0:
                 return None
-            weights = 1.0 / self._robot.limits.max_velocity
-            parent, total = link(found, self._nearness(found), rows, costs, weights, STEP_RAD)
-            reached = np.isfinite(total)
-            if not reached.any():
-                return None
-            rows, costs = found[reached], total[reached]
             history.append(rows)
-            parents.append(parent[reached])
+            parents.append(parent)
             self.reached = float(share)
         way = [int(costs.argmin())]
         for each in parents[:0:-1]:
             way.append(int(each[way[-1]]))
         return np.array([rows[index] for rows, index in zip(history, way[::-1], strict=True)])
+
+    def _step(
+        self, rows: Array, costs: Array, pose: Array, left: int
+    ) -> tuple[Array, Array, npt.NDArray[np.intp]]:
+        """The configurations at the next place that ways reach, the costs of these ways, and the index in
+        `rows` from which each way comes.
+        """
+        found = self._around(rows, costs, pose, left)
+        weights = 1.0 / self._robot.limits.max_velocity
+        parent, total = link(found, self._nearness(found), rows, costs, weights, STEP_RAD)
+        reached = np.isfinite(total)
+        return found[reached], total[reached], parent[reached]
 
     def _around(self, rows: Array, costs: Array, pose: Array, left: int) -> Array:
         """Collision-free configurations at a pose, drawn near `rows`. More of them are near rows with a low

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from independent_models import largest_rates, rate_limits, second_robot
@@ -124,6 +126,27 @@ def test_a_line_without_any_way_is_refused_before_a_way_is_smoothed(
     turned = quaternion.product(quaternion.exp((0.0, 0.0, -2.5)), here.quaternion.tolist())
     with pytest.raises(UnreachableError, match="joint7 reaches its limit"):
         lin(robot, start, Pose(here.position, np.array(turned)))
+
+
+def test_a_mesh_is_filled_only_where_a_way_leads_through_it(
+    robot: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The enclosing mesh has ways along this line, but none of the others does."""
+    start = np.array([3.0, -0.1, -1.2, 0.3, -0.8, -1.6, 0.1])
+    filled = []
+    init = RedundancyGraph.__init__
+
+    def noted(graph: RedundancyGraph, *args: Any, leading_on: bool = False) -> None:
+        filled.append(not leading_on)
+        init(graph, *args, leading_on=leading_on)
+
+    monkeypatch.setattr(RedundancyGraph, "__init__", noted)
+    goal = Pose(np.array([-0.1, -0.4, 0.9]), robot.model.forward(start).quaternion)
+    line = straight_line(robot.model.forward(start), goal)
+    assert RedundancyGraph(robot, start, line, ENCLOSING, leading_on=True).has_way(free=False)
+    with pytest.raises(UnreachableError, match="no arm angle leads beyond"):
+        lin(robot, start, goal)
+    assert not any(filled)
 
 
 def test_a_refusal_says_how_far_any_arm_angle_leads(robot: RobotDescription) -> None:
