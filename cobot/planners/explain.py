@@ -22,7 +22,14 @@ from cobot.planners.path.ends import reachable
 from cobot.planners.path.lin import straight_line
 from cobot.planners.path.tcp_path import TcpPath, least_turn
 from cobot.robot.description import RobotDescription
-from cobot.robot.inverse_kinematics import MIN_GAP_M, freer, inverse_all, nearest_to, reach_gap
+from cobot.robot.inverse_kinematics import (
+    MIN_GAP_M,
+    freer,
+    inverse_all,
+    nearest_to,
+    reach_gap,
+    seems_reachable,
+)
 from cobot.types import Array, Pose, Scaling
 
 MAX_BRANCHES, MAX_STARTS, MAX_GOALS = 12, 40, 4
@@ -76,9 +83,7 @@ def explain(
             if left_s <= 0.0:
                 break
             try:
-                duration_s = _plan_idea(
-                    robot, replace(request, timeout_s=min(request.timeout_s, left_s)), idea
-                )
+                duration_s = _plan_idea(robot, request, idea, left_s)
             except CobotError as exc:
                 first = tried.get(kind) or Failure(kind, 0, idea.says, str(exc))
                 tried[kind] = replace(first, count=first.count + 1)
@@ -90,10 +95,11 @@ def explain(
     return Explanation(tuple(works.values()), tuple(tried.values()), spent_s, budget_s, start)
 
 
-def _plan_idea(robot: RobotDescription, request: MotionRequest, idea: Idea) -> float:
-    """The duration of the changed motion, s."""
+def _plan_idea(robot: RobotDescription, request: MotionRequest, idea: Idea, left_s: float) -> float:
+    """The duration of the changed motion, s, which is planned within `left_s`."""
     if idea.problem is not None:
         raise idea.problem
+    request = replace(request, timeout_s=min(request.timeout_s, left_s))
     motion = plan(robot, replace(request, **idea.change))
     duration_s = 0.0 if motion is None else motion.duration_s
     if duration_s > MAX_DURATION_S:
@@ -172,7 +178,11 @@ def _other_planners(robot: RobotDescription, request: MotionRequest) -> Iterator
         return
     planner, gap_m = request.traits.alternative, _gap_m(robot, request)
     along = ", not along the path" if request.traits.way is Way.PATH else ""
-    problem = UnreachableError(f"the goal is out of reach by {gap_m:.3g} m") if gap_m > MIN_GAP_M else None
+    problem = None
+    if gap_m > MIN_GAP_M:
+        problem = UnreachableError(f"the goal is out of reach by {gap_m:.3g} m")
+    elif isinstance(request.goal, Pose) and not seems_reachable(robot.model, request.goal, request.free_axes):
+        problem = UnreachableError("no joint angles within the limits that were tried lead to the goal")
     yield Idea(_searching(request, planner), f"with planner {planner}{along}", problem=problem)
 
 
@@ -235,7 +245,7 @@ def _fitting(
     """
     unfit = []
     for start in starts:
-        line = _line(robot, replace(request, start=start))
+        line = _line(robot, request, start)
         if line is None or share_along(robot, start, line) == 1.0:
             yield start, None
         else:
@@ -245,14 +255,16 @@ def _fitting(
         yield from ((start, problem) for start in starts)
 
 
-def _line(robot: RobotDescription, request: MotionRequest) -> TcpPath | None:
-    """The path of a lin motion that may end in any joints; None for other motions."""
+def _line(robot: RobotDescription, request: MotionRequest, start: Array) -> TcpPath | None:
+    """The path of a lin motion from `start` that may end in any joints; None for other motions."""
     goal = request.goal
     if request.planner is not PlannerName.LIN or not isinstance(goal, Pose):
         return None
     if request.cyclic or request.end_joints is not None:
         return None
-    here = robot.model.forward(request.start)
+    if robot.model.inverse_kinematics.lacking:
+        request = replace(request, start=start)  # the end depends on it
+    here = robot.model.forward(start)
     line = straight_line(here, reachable(robot, request, here, goal), least_turn(robot))
     return replace(line, free=request.free_axes)
 
@@ -310,12 +322,19 @@ def _shorter(robot: RobotDescription, request: MotionRequest, error: CobotError)
     shares = [found.share for found in error.findings if found.share]
     if request.planner is not PlannerName.LIN or not shares or not isinstance(request.goal, Pose):
         return
-    most, line = max(shares), straight_line(robot.model.forward(request.start), request.goal)
-    free = free_share(robot, request.start, replace(line, free=request.free_axes))
-    if SHORT_OF[0] * free >= MIN_SHARE:  # few lines lead further, and each trial takes a long time
-        most = min(most, free + 1.0 / line.places)
-    for part in SHORT_OF:
-        share = part * most
+    here, axes = robot.model.forward(request.start), request.free_axes
+    line = straight_line(here, request.goal)
+    free, most = free_share(robot, request.start, replace(line, free=axes)), max(shares)
+    parts = [part * most for part in SHORT_OF]
+    if SHORT_OF[0] * free >= MIN_SHARE:
+        parts = [part * min(most, free) for part in SHORT_OF]
+        longer = SHORT_OF[0] * min(most, free + 1.0 / line.places)
+        rest = replace(straight_line(here, _as_written(line.pose_at(longer))), free=axes)
+        if longer > parts[0] and free_share(robot, request.start, rest) == 1.0:
+            parts.insert(0, longer)
+    elif robot.model.kinematics(axes).arm_angle is None:
+        return  # few lines lead further, and each trial takes a long time
+    for share in parts:
         if share >= MIN_SHARE:
             goal = _as_written(line.pose_at(share))
             yield Idea({"goal": goal, **ANY_END}, f"along the line up to {100.0 * share:.0f} % of it")

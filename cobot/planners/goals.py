@@ -6,7 +6,7 @@ import numpy as np
 
 from cobot.motions.requests import MotionRequest
 from cobot.robot.description import RobotDescription
-from cobot.robot.inverse_kinematics import inverse, inverse_all
+from cobot.robot.inverse_kinematics import by_distance, inverse, inverse_all
 from cobot.robot.limits import check_positions
 from cobot.types import Array, Pose
 
@@ -80,7 +80,7 @@ def _configurations(robot: RobotDescription, pose: Pose, request: MotionRequest)
     model, seed, free = robot.model, request.seed, request.free_axes
     found = [inverse(model, pose, request.start, random_seed=seed, free=free)]
     found += inverse_all(model, pose, request.start, spread=SPREAD, random_seed=seed, free=free)
-    return np.array(sorted(found, key=lambda joints: float(np.linalg.norm(joints - request.start))))
+    return by_distance(np.array(found), request.start)
 
 
 def _at(robot: RobotDescription, joints: Array, pose: Pose) -> bool:

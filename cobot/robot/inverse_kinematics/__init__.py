@@ -31,6 +31,7 @@ from cobot.robot.inverse_kinematics.reach import (
     out_of_reach,
     reach_gap,
     row_of,
+    seems_reachable,
     solve_near,
 )
 from cobot.robot.inverse_kinematics.six_axis import SixAxisArm
@@ -49,6 +50,7 @@ __all__ = [
     "SrsArm",
     "allowed",
     "apart",
+    "by_distance",
     "cause_of",
     "continued",
     "freer",
@@ -58,6 +60,7 @@ __all__ = [
     "nearest_to",
     "reach_gap",
     "recognised",
+    "seems_reachable",
     "solve_near",
 ]
 
@@ -169,18 +172,28 @@ def inverse_all(
         found.sort(key=clearance, reverse=True)
     elif criterion is Criterion.CLEARANCE:
         raise InputError("the criterion clearance needs a function that returns the clearance of joints")
+    elif criterion is Criterion.NEAREST:
+        return _distinct(by_distance(np.array(found), near))
     else:
-        found.sort(key=lambda joints: _cost(model, joints, near, criterion))
+        found.sort(key=lambda joints: _cost(model, joints, criterion))
     return _distinct(np.array(found))
+
+
+def by_distance(rows: Array, seed: Array) -> Array:
+    """The rows, joints of shape (n, dof), nearest to the seed first."""
+    away = rows - seed
+    return np.asarray(rows[np.argsort(np.sqrt([each.dot(each) for each in away]), kind="stable")])
 
 
 def _distinct(rows: Array) -> list[Array]:
     """The rows without duplicates."""
-    kept: list[Array] = []
-    while len(rows):
-        kept.append(rows[0])
-        rows = rows[np.abs(rows - rows[0]).max(axis=1) > APART_RAD]
-    return kept
+    same = np.ones((len(rows), len(rows)), bool)
+    for joint in rows.T:
+        same &= np.abs(joint[:, None] - joint) <= APART_RAD
+    before, kept = np.tril(same, -1), np.ones(len(rows), bool)
+    for index in np.flatnonzero(before.any(axis=1)):
+        kept[index] = not (before[index] & kept).any()
+    return list(rows[kept])
 
 
 def _along_the_arm_angle(arm: SrsArm, row: Array, spread: int) -> list[Array]:
@@ -194,14 +207,13 @@ def _along_the_arm_angle(arm: SrsArm, row: Array, spread: int) -> list[Array]:
     return found
 
 
-def _cost(model: RobotModel, joints: Array, seed: Array, criterion: Criterion) -> float:
-    limits = model.limits
+def _cost(model: RobotModel, joints: Array, criterion: Criterion) -> float:
+    """The cost of joints by manipulability or by their distance from the limits."""
     if criterion is Criterion.MANIPULABILITY:
         return -model.inverse_kinematics.manipulability(joints)
-    if criterion is Criterion.LIMITS:
-        middle = 0.5 * (limits.min_position + limits.max_position)
-        return float(np.abs((joints - middle) / (limits.max_position - middle)).max())
-    return float(np.linalg.norm(joints - seed))
+    limits = model.limits
+    middle = 0.5 * (limits.min_position + limits.max_position)
+    return float(np.abs((joints - middle) / (limits.max_position - middle)).max())
 
 
 def continued(model: RobotModel, pose: Pose, joints: Array) -> Array:

@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 import pytest
 from cobot_run import WAIT_S
+from franka_settings import franka_settings
 from independent_models import MJCF
 
 from cobot.errors import CollisionError, LimitError, PlanningError, UnreachableError
@@ -22,8 +23,9 @@ from cobot.motions.requests import MotionRequest
 from cobot.planners import plan
 from cobot.planners.explain import explain
 from cobot.robot.collision import geom_pairs
-from cobot.robot.description import RobotDescription
+from cobot.robot.description import RobotDescription, load_robot
 from cobot.robot.feasibility import check_efforts, check_limits
+from cobot.robot.inverse_kinematics.reach import row_of
 from cobot.robot.scene import Scene, SceneObject
 from cobot.trajectory import Trajectory, from_hermite
 from cobot.types import Array, PlannerName, Pose, Scaling
@@ -219,6 +221,70 @@ def test_a_line_on_which_the_flange_touches_a_table_is_planned_from_no_other_sta
     np.testing.assert_array_equal(starts, [asked.start] * len(starts))
     assert tried["start"].count > 10
     assert re.match(r"lin: the arm at \d+ % of the path is in collision: .*table", tried["start"].why)
+
+
+def test_a_goal_out_of_reach_is_searched_by_no_planner(
+    robot: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No planner leads there. Only the part of the line within reach is planned."""
+    here = robot.model.forward(home(robot))
+    asked = request(home(robot), Pose(here.position + np.array([1.5, 0.0, 0.0]), here.quaternion), "lin")
+    error = refused(robot, asked)
+    planners = []
+
+    def counted(robot: RobotDescription, changed: MotionRequest) -> Trajectory | None:
+        planners.append(changed.planner)
+        return plan(robot, changed)
+
+    monkeypatch.setattr("cobot.planners.explain.plan", counted)
+    found = explain(robot, asked, error, WAIT_S)
+    assert ([each.kind for each in found.works], planners) == (["goal"], ["lin"])
+    (tried,) = found.tried
+    gap_m = re.fullmatch(r"the goal is out of reach by (\S+) m", tried.why)
+    assert gap_m is not None
+    assert float(gap_m[1]) == pytest.approx(error.findings[0].excess, rel=1e-2)
+
+
+def test_a_pose_that_no_joints_reach_is_searched_by_no_planner(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An arm without a closed form: a few descents show it."""
+    robot = load_robot(franka_settings())
+    start = home(robot)
+    here = robot.model.forward(start)
+    asked = request(start, Pose(here.position + np.array([0.0, 0.0, 0.4]), here.quaternion), "lin")
+    assert robot.model.inverse_kinematics.solve(row_of(asked.goal), start, 0, 0) is None
+    error = refused(robot, asked)
+    planners = []
+
+    def counted(robot: RobotDescription, changed: MotionRequest) -> Trajectory | None:
+        planners.append(changed.planner)
+        return plan(robot, changed)
+
+    monkeypatch.setattr("cobot.planners.explain.plan", counted)
+    works = {each.kind: each for each in explain(robot, asked, error, WAIT_S).works}
+    assert 0.7 < (works["goal"].change["goal"].position[2] - here.position[2]) / 0.4 < 0.8
+    assert planners == ["lin"]
+
+
+def test_a_line_that_something_blocks_is_planned_up_to_there_at_once(
+    robot: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first shorter line that is planned leads nearly to the floor, and works."""
+    start = np.array(robot.positions["work"].joints)
+    here = robot.model.forward(start)
+    down = Pose(here.position * (1.0, 1.0, 0.0) - (0.0, 0.0, 0.3), here.quaternion)
+    asked = request(start, down, "lin")
+    error = refused(robot, asked)
+    ends = []
+
+    def counted(robot: RobotDescription, changed: MotionRequest) -> Trajectory | None:
+        if changed.planner is PlannerName.LIN and isinstance(changed.goal, Pose):
+            ends.append(changed.goal.position[2])
+        return plan(robot, changed)
+
+    monkeypatch.setattr("cobot.planners.explain.plan", counted)
+    works = {each.kind: each for each in explain(robot, asked, error, WAIT_S).works}
+    assert works["goal"].change["goal"].position[2] == ends[0]
+    assert 0.0 < ends[0] < 0.5 * here.position[2]
 
 
 def test_the_first_other_start_of_a_line_works(
