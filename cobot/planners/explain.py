@@ -182,7 +182,7 @@ def _other_planners(robot: RobotDescription, request: MotionRequest) -> Iterator
     if gap_m > MIN_GAP_M:
         problem = UnreachableError(f"the goal is out of reach by {gap_m:.3g} m")
     elif isinstance(request.goal, Pose) and not seems_reachable(robot.model, request.goal, request.free_axes):
-        problem = UnreachableError("no joint angles within the limits that were tried lead to the goal")
+        problem = UnreachableError("none of the joint angles tried reaches the goal")
     yield Idea(_searching(request, planner), f"with planner {planner}{along}", problem=problem)
 
 

@@ -160,9 +160,10 @@ def _plan_redundancy(
             continue
         reached = 1.0
         if not leading.has_way(free=True):
-            if not is_open and not RedundancyGraph(robot, start, path, ENCLOSING, end, True).has_way(
-                free=True
-            ):
+            enclosing = (
+                None if is_open else RedundancyGraph(robot, start, path, ENCLOSING, end, leading_on=True)
+            )
+            if enclosing is not None and not enclosing.has_way(free=True):
                 break
             is_open = True
             continue
@@ -175,8 +176,8 @@ def _plan_redundancy(
 
 
 def free_share(robot: RobotDescription, start: Array, path: TcpPath) -> float:
-    """The share of a path up to which joints lead from `start` with no collision at the even places. This is
-    a quick estimate, not a proof.
+    """The share of a path up to which joints continue from `start` with no collision at the even places. This
+    is a quick estimate, not a proof.
     """
     simple = share_along(robot, start, path)
     if robot.model.kinematics(path.free).arm_angle is None:

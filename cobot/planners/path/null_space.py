@@ -38,6 +38,7 @@ INSIDE_RAD = 8e-3
 splines between places need this margin, or less if places are closer together.
 """
 AHEAD = 2
+"""Number of places beyond the end of all routes that a larger search must pass in a trial before it begins."""
 STEPS = 30
 SMOOTHINGS = (60, 15, 4)
 """Numbers of smoothing rounds. If the smoothed route touches something, the next smaller number is used."""
@@ -76,7 +77,7 @@ class Particles:
         self.reached = 0.0
         self._end = end
         self._last: list[tuple[Array, Array]] = []
-        """The configurations at the last two places that ways reach, and the costs of these ways."""
+        """The configurations at the last two places that routes reach, and the costs of these routes."""
         self._next = 0
         """Index of the place after them."""
         self._way = self._carry(start)
@@ -89,8 +90,11 @@ class Particles:
             yield self._smooth(count)
 
     def may_go_on(self, count: int, factor: int) -> bool:
-        """Whether so many configurations, or so many more places with less room to the limits, lead `AHEAD`
-        places past the place where all ways end. They are tried from the last two places before it.
+        """Whether a route passes the place where all routes of this search end, and the next `AHEAD` places.
+
+        Args:
+            count, factor: number of configurations, and factor for the number of places, from the last two
+                places before it.
         """
         if self._end is not None:
             return True
@@ -107,6 +111,7 @@ class Particles:
         return True
 
     def _keep_inside(self, room_rad: float) -> None:
+        """Keep this distance from the joint limits, rad or m, unless the start is nearer to a limit."""
         limits = self._robot.limits
         self._low = np.minimum(limits.min_position + room_rad, self._start)
         self._high = np.maximum(limits.max_position - room_rad, self._start)
@@ -130,8 +135,8 @@ class Particles:
     def _step(
         self, rows: Array, costs: Array, pose: Array, left: int
     ) -> tuple[Array, Array, npt.NDArray[np.intp]]:
-        """The configurations at the next place that ways reach, the costs of these ways, and the index in
-        `rows` from which each way comes.
+        """The configurations at the next place that routes reach, the costs of these routes, and the index in
+        `rows` from which each route comes.
         """
         found = self._around(rows, costs, pose, left)
         weights = 1.0 / self._robot.limits.max_velocity

@@ -153,8 +153,8 @@ class RedundancyGraph:
         self.reached = 0.0
 
     def profiles(self) -> Iterator[Profile]:
-        """The profiles of the cheapest way in each branch at the start, smoothest first, and then those of
-        the cheapest way through collision-free nodes.
+        """The profiles of the cheapest route in each branch at the start, smoothest first, and then those of
+        the cheapest route through collision-free nodes.
         """
         from scipy.interpolate import BSpline
 

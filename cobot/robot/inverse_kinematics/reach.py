@@ -73,8 +73,8 @@ def reach_gap(model: RobotModel, pose: Pose, free: tuple[FreeAxis, ...] = ()) ->
 
 
 def seems_reachable(model: RobotModel, pose: Pose, free: tuple[FreeAxis, ...] = ()) -> bool:
-    """Whether one of a few descents leads to a pose. This takes a fraction of the time in which `inverse`
-    finds no solution. Always true for arms with a closed form and for arms that are not redundant.
+    """Whether one of a few descents reaches a pose. This takes a fraction of the time that `inverse` needs to
+    find that there is no solution. Always true for arms with a closed form and for arms that are not redundant.
     """
     arm, limits = model.kinematics(free), model.limits
     if arm.closed_form or not arm.redundant:

@@ -78,7 +78,7 @@ def test_a_line_that_no_joints_follow_is_searched_once(
 ) -> None:
     """The refusal says to the quarter of a place how far joints lead."""
     start = np.array(fr3.positions["home"].joints)
-    with pytest.raises(UnreachableError, match=r"lead beyond \d+ % of the path$") as caught:
+    with pytest.raises(UnreachableError, match=r"reaches beyond \d+ % of the path$") as caught:
         lin(fr3, start, fr3.model.forward(start).position + way)
     ((count, factor, search),) = searches
     assert (count, factor) == (FEW, 1)
