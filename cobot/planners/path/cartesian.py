@@ -160,11 +160,10 @@ def _plan_redundancy(
             continue
         reached = 1.0
         if not leading.has_way(free=True):
-            enclosing = (
-                None if is_open else RedundancyGraph(robot, start, path, ENCLOSING, end, leading_on=True)
-            )
-            if enclosing is not None and not enclosing.has_way(free=True):
-                break
+            if not is_open:
+                enclosing = RedundancyGraph(robot, start, path, ENCLOSING, end, leading_on=True)
+                if not enclosing.has_way(free=True):
+                    break
             is_open = True
             continue
         graph = RedundancyGraph(robot, start, path, mesh, end)

@@ -38,7 +38,7 @@ INSIDE_RAD = 8e-3
 splines between places need this margin, or less if places are closer together.
 """
 AHEAD = 2
-"""Number of places beyond the end of all routes that a larger search must pass in a trial before it begins."""
+"""Number of places beyond the end of all routes that a trial must pass before a larger search begins."""
 STEPS = 30
 SMOOTHINGS = (60, 15, 4)
 """Numbers of smoothing rounds. If the smoothed route touches something, the next smaller number is used."""

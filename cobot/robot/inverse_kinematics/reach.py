@@ -74,7 +74,7 @@ def reach_gap(model: RobotModel, pose: Pose, free: tuple[FreeAxis, ...] = ()) ->
 
 def seems_reachable(model: RobotModel, pose: Pose, free: tuple[FreeAxis, ...] = ()) -> bool:
     """Whether one of a few descents reaches a pose. This takes a fraction of the time that `inverse` needs to
-    find that there is no solution. Always true for arms with a closed form and for arms that are not redundant.
+    find that there is no solution. Always true for arms that have a closed form or are not redundant.
     """
     arm, limits = model.kinematics(free), model.limits
     if arm.closed_form or not arm.redundant:
