@@ -62,7 +62,7 @@ def address(url: str, robot: str) -> str:
 
 
 def path_below(plain: str) -> str:
-    """The path below /robots/NAME for a plain path, which is as in api_endpoints.yaml."""
+    """The path below /robots/NAME for a plain path, as in api_endpoints.yaml."""
     return plain.removeprefix(_PLAIN) if plain.startswith(f"{_PLAIN}/") else plain
 
 

@@ -139,7 +139,7 @@ class Audit:
         return found
 
     def close(self) -> None:
-        """Write the waiting entries, if the disk accepts them."""
+        """Write the waiting entries, if the disk can be written."""
         self._ending.set()
         if self._outlet.close(END_S):
             self._file.close()

@@ -95,7 +95,7 @@ class WallTime:
         self._ahead_ns = self._measured_ahead_ns()
 
     def at(self, now_ns: int) -> int:
-        """The time of day in ns since 1970 at a time on CLOCK_MONOTONIC in ns."""
+        """The time of day, ns since 1970, at a time on CLOCK_MONOTONIC, ns."""
         return now_ns + self.ahead_ns()
 
     def ahead_ns(self) -> int:
@@ -106,7 +106,7 @@ class WallTime:
         return self._ahead_ns
 
     def _read(self) -> tuple[int, int]:
-        """The smallest and the largest offset that are possible after one reading of both clocks, in ns."""
+        """The smallest and the largest offset that agree with one reading of both clocks, in ns."""
         before_ns = self._clock.now_ns()
         wall_ns = self._clock.wall_ns()
         return wall_ns - self._clock.now_ns(), wall_ns - before_ns

@@ -37,7 +37,7 @@ def joined_text(value: object, max_characters: int = MAX_MESSAGE) -> str:
 
 
 def plain_lines(value: object, indent: str = "") -> str:
-    """The text of any object for people, in at most `MAX_LINES` printable lines.
+    """The text of any object, in at most `MAX_LINES` printable lines.
 
     Args:
         indent: prefix of each line except the first.

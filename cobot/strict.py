@@ -105,7 +105,7 @@ def sentence(error: Mapping[str, Any], *, ignored: tuple[str, ...] = ()) -> str:
     """One of pydantic's errors in the form `place: problem, got value`.
 
     Args:
-        ignored: parts of the place that mean nothing to the author of the document.
+        ignored: parts of the location that mean nothing to the author of the document.
     """
     place = ""
     for part in error["loc"]:
@@ -133,7 +133,7 @@ def unit_advice(place: str, value: object, limit: float) -> str:
     """A hint to append to an error, if a value above its limit looks like milliseconds or millimetres.
 
     Args:
-        place: place of the field, whose name contains the unit.
+        place: location of the field, whose name contains the unit.
         value: the number, which may also be text.
 
     Returns:

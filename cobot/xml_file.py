@@ -44,7 +44,7 @@ SHOWN = 60
 
 
 class Element(ElementTree.Element):
-    """An element that stores its line in the file."""
+    """An element that also stores its line number in the file."""
 
     line: int = 0
 

@@ -34,7 +34,7 @@ log = logging.getLogger("cobot.service")
 
 
 def is_loopback(address: str) -> bool:
-    """Whether an address can be reached from this computer only."""
+    """Whether an address is reachable only from this computer."""
     found = parsed(address)
     return found is not None and found.is_loopback
 
@@ -59,7 +59,7 @@ def authentication_required(web: WebSection, address: str) -> bool:
 
 
 def rights_of_ros(ros: RosSection, web: WebSection) -> Role:
-    """The role of DDS participants, which cannot show a token."""
+    """The role of DDS participants, because they cannot present a token."""
     return RIGHTS_OF_ROS[_access_of_ros(ros, web)]
 
 
@@ -100,8 +100,8 @@ def ros_access(ros: RosSection, web: WebSection) -> str:
 
 
 def _access_of_ros(ros: RosSection, web: WebSection) -> str:
-    """The value of `ros.access`. `auto` is resolved: if every client needs a token, DDS participants may not
-    move the robot.
+    """The value of `ros.access`, with `auto` resolved: if every client needs a token, DDS participants may
+    not move the robot.
     """
     if ros.access != "auto":
         return ros.access
@@ -157,14 +157,14 @@ class Authenticator:
         return any(holder.name == name and not 0 < ends_ns <= now_ns for _, holder, ends_ns in self._kept)
 
     def notice_change(self) -> None:
-        """Apply a change of the file now, for requests and for open connections."""
+        """Apply a change of the file immediately, for requests and for open connections."""
         self._look_again_s = self._clock.now_s()
         self._refresh()
         changed, self._changed = self._changed, asyncio.Event()
         changed.set()
 
     async def await_change(self) -> None:
-        """Wait until the file may have changed, but at most for `LOOK_AGAIN_S`."""
+        """Wait until the file may have changed, for at most `LOOK_AGAIN_S`."""
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(self._changed.wait(), LOOK_AGAIN_S)
 

@@ -105,7 +105,7 @@ class Hand(CellEntry):
 
 
 class Cup(CellEntry):
-    """A suction cup at the flange. The flange's z axis points out of the cup; the TCP is in the middle of the
+    """A suction cup at the flange. The flange's z axis points out of the cup; the TCP is at the centre of the
     lip.
 
     Attributes:

@@ -180,8 +180,8 @@ def _add_slide(
 def _couple(
     spec: mujoco.MjSpec, fingers: tuple[mujoco.MjsBody, mujoco.MjsBody], ratio: float
 ) -> list[mujoco.MjsGeom]:
-    """Couple the fingers, and let them pass through each other. Returns their shapes, which get the contacts
-    of fingers.
+    """Couple the fingers, and let them pass through each other. Returns their shapes, which get the contact
+    properties of fingers.
 
     Args:
         ratio: travel of the first finger per metre of the second one.
@@ -212,7 +212,7 @@ def _let_pass(spec: mujoco.MjSpec, links: list[mujoco.MjsBody], others: list[muj
 
 
 def _gripping_shapes(links: list[mujoco.MjsBody]) -> list[mujoco.MjsGeom]:
-    """Give the shapes of links the contacts of fingers, and return these shapes."""
+    """Set the contact properties of fingers on the shapes of links. Returns these shapes."""
     shapes = [geom for link in links for geom in link.geoms if geom.contype]
     for number, geom in enumerate(shapes, start=1):
         geom.name = geom.name or f"{HAND} shape {number} of {geom.parent.name}"

@@ -58,8 +58,8 @@ def find_input(points: Sequence[Mapping[str, Any]], name: str) -> Mapping[str, A
 
 
 def holds(condition: Mapping[str, Any], points: Sequence[Mapping[str, Any]]) -> bool:
-    """Whether a condition holds for the points in the answer to `GET /robot/io`. An unknown value fulfils no
-    condition.
+    """Whether a condition holds for the points in the answer to `GET /robot/io`. No condition holds for an
+    unknown value.
 
     Raises:
         NotFoundError, InputError: see `find_input`. Also if the kind of the input does not match the

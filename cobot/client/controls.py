@@ -185,7 +185,7 @@ class JointTorqueControl(Control[JointState]):
         return joint_state(self._transport.state())
 
     def set_target_torques(self, torques: Sequence[float]) -> None:
-        """Set the joint torques from now on, N·m. Torques beyond the limits are clamped to the limits.
+        """Set the joint torques from now on, N·m. Torques beyond the limits are clamped.
 
         Raises:
             InputError, MotionStopped: see `JointImpedanceControl.set_target_joints`.

@@ -107,7 +107,7 @@ class EventConnection(Connection):
         patience_s: float = 60.0,
     ) -> Iterator[Json]:
         """Yield events as they happen: dicts with `id`, `epoch`, `time`, `robot`, `type`, `data`. The
-        iterator never ends on its own. A lost connection is opened again and continues after the last event.
+        iterator never ends on its own. A lost connection is reopened and continues after the last event.
 
         Args:
             types: types of events; all types if none is given. With `state_hz`, states are always included.

@@ -261,7 +261,7 @@ class Client(ForceMoves, Steps, EventConnection):
         self._fetch(self._of_service("/admin/support"), Path(path))
 
     def restore(self, path: str | Path) -> Json:
-        """Check a backup now, and restore it with the next start of cobot. Returns `created`, `contents`."""
+        """Check a backup now, and restore it at the next start of cobot. Returns `created`, `contents`."""
         with Path(path).open("rb") as file:
             return self._json(
                 "POST", self._of_service("/admin/restore"), files={"file": (Path(path).name, file)}

@@ -22,7 +22,7 @@ POLL_S = 0.001
 
 
 class SharedMemoryTransport:
-    """The `Transport` that is used on the computer of the robot."""
+    """The `Transport` that is used on the robot's computer."""
 
     def __init__(self, robot: str, clock: Clock = SYSTEM) -> None:
         self.clock = clock

@@ -50,7 +50,7 @@ def _commands(parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.A
 
 
 def _words(parser: argparse.ArgumentParser) -> list[str]:
-    """Long options, the values of a choice, and the commands below this parser."""
+    """The long options, choice values and subcommands of this parser."""
     words: list[str] = []
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction) or (action.choices and not action.option_strings):

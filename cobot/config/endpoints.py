@@ -17,7 +17,7 @@ MIN_STOP_S = 4.0
 
 
 class EndpointChange(Section):
-    """Changes of one endpoint. Values that are not given stay as the service declares them."""
+    """Changes of one endpoint. Omitted values keep those that the service declares."""
 
     enabled: bool = True
     timeout_s: Positive | None = None

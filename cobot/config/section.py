@@ -28,7 +28,7 @@ def parse(kind: type[Model], path: Path, content: dict[str, Any], place: str = "
 
     Args:
         path: file path. Relative paths in the content are resolved against its folder.
-        place: place of the content in the file, for errors.
+        place: location of the content in the file, for errors.
 
     Raises:
         ConfigError: the content is invalid; the message names the file, the key, the value and the valid
@@ -42,7 +42,7 @@ def parse(kind: type[Model], path: Path, content: dict[str, Any], place: str = "
 
 @contextmanager
 def naming(setting: str) -> Iterator[None]:
-    """Prefix the errors in this context with the name of a setting, which people can change."""
+    """Prefix the errors in this context with the name of the setting that people can change."""
     try:
         yield
     except ConfigError as exc:

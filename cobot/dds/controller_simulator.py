@@ -309,7 +309,7 @@ async def _serve(chosen: argparse.Namespace, settings: Settings) -> None:
 
 
 def _description(robot: RobotDescription, settings: Settings, prefix: str) -> Message:
-    """The robot's URDF as a message. The names of its joints have the prefix."""
+    """The robot's URDF as a message, with the prefix added to its joint names."""
     made = RobotMessages(robot.model, settings.robot.base_frame, settings.robot.tcp).description()
     if prefix:
         for name in robot.limits.names:

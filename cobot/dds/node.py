@@ -34,8 +34,8 @@ MAX_CALLS = 64
 """Maximum number of calls in progress from one client to one service. Further client requests wait."""
 CYCLONE = 0x0110
 CYCLONE_HEADER = slice(4, 20)
-"""The place in the payload, after the first 4 bytes, where rmw_cyclonedds writes the client's guid (uint64)
-and a sequence number (int64).
+"""The position in the payload, after the first 4 bytes, where rmw_cyclonedds writes the client's guid
+(uint64) and a sequence number (int64).
 """
 SERVICE_QOS = Qos(reliable=True, transient_local=False, depth=None)
 LATCHED_QOS = Qos(reliable=True, transient_local=True, depth=1)

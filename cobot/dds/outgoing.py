@@ -52,7 +52,7 @@ class Outgoing:
         return True
 
     def next(self) -> str | None:
-        """Take the next text that must be sent; None if the queue is empty."""
+        """Take the next message that must be sent; None if the queue is empty."""
         if not self._turns:
             return None
         sender = self._turns.popleft()

@@ -83,8 +83,8 @@ class TelemetryTopic:
         return int(_SECOND_NS / self.rate_hz)
 
     def advance(self, now_ns: int) -> None:
-        """Set the time of the next message on the grid of the rate. After a delay of more than a period, the
-        grid restarts.
+        """Set the time of the next message on the time grid of the rate. After a delay of more than a period,
+        the grid restarts.
         """
         self.due_ns += self.period_ns
         if self.due_ns <= now_ns:

@@ -97,7 +97,7 @@ def issue_hub(folder: Path, hosts: Iterable[str], days: int) -> Path:
 
 
 def issue_cell(folder: Path, cell: str, days: int) -> Path:
-    """Issue the certificate of a cell. Returns its folder, which belongs on the computer of the cell.
+    """Issue the certificate of a cell. Returns its folder, which must be copied to the cell's computer.
 
     Raises:
         ConfigError: see `issue_hub`.

@@ -46,8 +46,8 @@ class HubServer(uvicorn.Server):
 
 
 class HubConnection(HttpToolsProtocol):
-    """Closes a connection if a request is not complete in time, even before its first request, or if the
-    client does not read the response.
+    """Closes a connection if a request (also the first one) is not complete in time, or if the client does
+    not read the response.
     """
 
     _in_header = False

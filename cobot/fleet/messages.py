@@ -170,7 +170,7 @@ class StageBundle(StrictModel):
 
 
 class ActivateBundle(StrictModel):
-    """Store the programs and positions of a staged bundle, and put its settings in force."""
+    """Store the programs and positions of a staged bundle, and activate its settings."""
 
     accepted_by: ClassVar = "roll_out"
     kind: Literal["activate"]

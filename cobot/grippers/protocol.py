@@ -79,6 +79,8 @@ class GripperCapabilities:
 
     def __post_init__(self) -> None:
         """
+        Check the ranges.
+
         Raises:
             ValueError: a range is empty or contains values below 0.
         """
@@ -127,6 +129,8 @@ class GripperState:
 
     def __post_init__(self) -> None:
         """
+        Check the types and the numbers.
+
         Raises:
             TypeError: a value has the wrong type.
             ValueError: a number is not finite, or too large for a measured value.
@@ -282,7 +286,7 @@ class Gripper(Protocol):
         ...
 
     def home(self) -> None:
-        """Find the reference, or activate the device, if it needs this once. The fingers may move."""
+        """Find the reference, or activate the device, if this is needed. The fingers may move."""
         ...
 
     def state(self) -> GripperState:

@@ -98,10 +98,10 @@ def with_attributes(stub: str) -> str:
 
 
 def require_order(measured: tuple[StateField, ...]) -> None:
-    """Reject measured fields that are not at the place where compiled modules expect them.
+    """Reject measured fields that are not at the position where compiled modules expect them.
 
     Raises:
-        ConfigError: a field must be at a different place in the table.
+        ConfigError: a field must be at a different position in the table.
     """
     names = tuple(field.name for field in measured)
     table_names = [field.name for field in STATE_FIELDS]
@@ -142,7 +142,7 @@ def write(root: Path) -> list[Path]:
         The files that have changed.
 
     Raises:
-        ConfigError: a record has changed without a new version, a measured field is at the wrong place, or
+        ConfigError: a record has changed without a new version, a measured field is at the wrong position, or
             the marks in the stub file are missing.
         OSError: the folder is not a checkout.
     """

@@ -291,7 +291,7 @@ SIGNAL_REPORT = np.dtype(
 MAX_PERIODS = 8
 DEVICE = np.dtype(
     [
-        ("periods_s", "f8", (MAX_PERIODS,)),  # supported cycle periods; unused places are 0
+        ("periods_s", "f8", (MAX_PERIODS,)),  # supported cycle periods; unused entries are 0
         ("measured", "u8"),  # a bit for each name of `cobot.ipc.state_fields.MEASURED_NAMES`
         ("able", "u1", (8,)),  # one for each name in `cobot.robot.device.FLAGS`
         ("stops", "u1", (3,)),  # categories 0 to 2, with values as in `cobot.ipc.device_record`
@@ -318,7 +318,7 @@ DEVICE = np.dtype(
 IO = np.dtype(
     [
         ("number", "u8"),  # of the report
-        ("count", "u8"),  # number of places in use
+        ("count", "u8"),  # number of entries in use
         ("names", f"S{IO_NAME_BYTES}", (IO_POINTS,)),
         ("kinds", "u1", (IO_POINTS,)),  # numbers of `cobot.ipc.io_record.KINDS`
         ("outputs", "u1", (IO_POINTS,)),  # 1: an output
@@ -338,7 +338,7 @@ CELL_PARTS = 32
 CELL = np.dtype(
     [
         ("number", "u8"),  # of the report
-        ("count", "u8"),  # number of places in use
+        ("count", "u8"),  # number of entries in use
         ("names", "S32", (CELL_PARTS,)),
         ("poses", "f8", (CELL_PARTS, 7)),  # in the base frame
     ],
@@ -439,7 +439,7 @@ def chunk_dtype(dof: int) -> np.dtype:
 
 
 def point_dtype(dof: int) -> np.dtype:
-    """A servo point, which is stored in a queue of `POINTS` places."""
+    """A servo point, which is stored in a queue of `POINTS` entries."""
     return np.dtype(
         [
             ("number", "u8"),  # number of the point in its session, starting at 1

@@ -1,12 +1,12 @@
 """A ring of numbered records in shared memory: one writer, any number of readers, and no lock.
 
-The record with number n is at place n modulo the capacity. Its first word is its number, and its last word is
-the checksum of all words before it. A reader copies a place and checks only the copy. Another number means
+The record with number n is at index n modulo the capacity. Its first word is its number, and its last word is
+the checksum of all words before it. A reader copies an entry and checks only the copy. Another number means
 that the record does not exist yet or has been overwritten; a wrong checksum means that it is being written.
 The writer neither waits nor allocates, and does not depend on its readers. A reader that is too slow finds
 higher numbers.
 
-The last written number is stored before the places. It is only a hint: the record that it leads to is
+The last written number is stored before the entries. It is only a hint: the record with this number is
 checked.
 """
 

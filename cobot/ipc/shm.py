@@ -107,7 +107,7 @@ def _aligned(size: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """A place for one trajectory. The arrays are views of the whole capacity in shared memory."""
+    """Storage for one trajectory. The arrays are views of the whole capacity in shared memory."""
 
     head: Block
     breakpoints_s: Array
@@ -150,7 +150,7 @@ class Slot:
 
 
 class RobotMemory:
-    """A robot's mapped memory. Create it with `create` or `attach`, and leave it with `close`."""
+    """A robot's mapped memory. Create it with `create` or `attach`, and release it with `close`."""
 
     def __init__(self, path: Path, descriptor: int, role: MemoryRole, raw: bytes) -> None:
         """

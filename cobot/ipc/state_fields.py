@@ -42,8 +42,9 @@ class StateField:
             with the members as keys.
         measured: whether backends measure it in each cycle, as an attribute of `rtloop.backends.Measured`.
         recorded: type of the field in the record of a recording; "" if it is not recorded.
-        message: place and ROS type in the message of `topic`, which recordings and Foxglove show. A place is
-            never given to another field, because readers depend on it. A new field gets the next place.
+        message: position and ROS type in the message of `topic`, which recordings and Foxglove show. A
+            position is never given to another field, because readers depend on it. A new field gets the next
+            position.
         topic: the topic whose message contains the field: cobot_msgs/msg/Cycle or cobot_msgs/msg/Gripper.
     """
 

@@ -125,7 +125,7 @@ def _write_moveit_config(chosen: argparse.Namespace, settings: Settings) -> int:
 
 
 def _supervise(chosen: argparse.Namespace, settings: Settings) -> int:
-    """Run the robots and the service until they are ended."""
+    """Run the robots and the service until they are stopped."""
     require_limits()
     from cobot.launch.backups import restore_staged
     from cobot.launch.forked import fork_processes

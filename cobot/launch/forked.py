@@ -49,7 +49,7 @@ class Forked:
     def become(
         self, command: Sequence[str], output: int, descriptors: Sequence[int], environment: Mapping[str, str]
     ) -> bool:
-        """Let the process run a command. The command must begin with `RUN_MODULE`. Returns False if the
+        """Make the process run a command. The command must begin with `RUN_MODULE`. Returns False if the
         process has ended.
 
         Args:

@@ -33,7 +33,7 @@ STATE, LOGS = Path("/var/lib/cobot"), Path("/var/log/cobot")
 
 
 class InstallError(CobotError):
-    """The service cannot be installed on this computer. The text gives the reason and the remedy."""
+    """Raised if the service cannot be installed here. The text gives the reason and the remedy."""
 
     code = "install"
 

@@ -39,7 +39,7 @@ def check_name(name: str, taken: Mapping[str, str], what: str, suffix: str) -> N
     """Check that a new backend or gripper can have this name.
 
     Args:
-        taken: the names that exist, each with the place where it is defined.
+        taken: the names that exist, each with the location where it is defined.
         what: "backend" or "gripper".
         suffix: appended to the examples of valid names in messages.
 
@@ -66,7 +66,7 @@ def write_package(folder: Path, files: Mapping[str, str]) -> None:
     """
     parent = folder.parent
     if folder.exists():
-        raise ConfigError(f"{folder}: exists already; choose another place, or remove it")
+        raise ConfigError(f"{folder}: already exists; choose another folder, or remove it")
     if not parent.is_dir():
         raise ConfigError(f"{folder}: cannot be written: there is no folder {parent}; create it first")
     try:
@@ -79,5 +79,5 @@ def write_package(folder: Path, files: Mapping[str, str]) -> None:
             inside.rename(folder)
     except OSError as exc:
         raise ConfigError(
-            f"{folder}: cannot be written: {exc.strerror or exc}; choose another place"
+            f"{folder}: cannot be written: {exc.strerror or exc}; choose another folder"
         ) from exc

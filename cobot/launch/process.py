@@ -177,7 +177,7 @@ def has_terminal() -> bool:
 
 
 def die_with_parent(number: signal.Signals) -> None:
-    """Let the kernel send this process a signal when its parent ends for any reason.
+    """Make the kernel send this process a signal when its parent ends for any reason.
 
     Call this early, because the end of a parent before the call is not noticed. For Linux, the parent is the
     thread that has started this process.

@@ -164,7 +164,7 @@ def _await_service(stop: StopRequest) -> None:
 
 
 def _has_ended(memory: RobotMemory) -> bool:
-    """Whether the rtloop process has ended, so that waiting is useless."""
+    """Whether the rtloop process has ended, so that waiting is pointless."""
     try:
         return is_gone(int(memory.statistics.read()["pid"]))
     except TornReadError:

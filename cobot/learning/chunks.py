@@ -89,5 +89,5 @@ class Latency:
 
     @property
     def expected_s(self) -> float:
-        """The upper estimate of the next latency, s. It is the maximum of the recent latencies."""
+        """An upper estimate of the next latency, s. It is the maximum of the recent latencies."""
         return max(self._kept, default=0.0)

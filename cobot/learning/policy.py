@@ -91,7 +91,7 @@ def state_observer(
 
 
 class PolicyRunner:
-    """Moves an arm by the actions of a policy.
+    """Moves an arm according to the actions of a policy.
 
     Attributes:
         latency: response times of the policy.

@@ -10,8 +10,8 @@ from pathlib import Path
 
 
 class RotatingFile:
-    """Appends whole pieces to a file. If a call fails, the caller gets an error, and the next call tries
-    again.
+    """Appends data to a file in whole pieces. If a call fails, the caller gets an error, and the next call
+    tries again.
 
     Only the owner may read the files, including existing ones. A folder created here is private as well.
 

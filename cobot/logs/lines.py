@@ -154,8 +154,8 @@ class Line:
 
 
 def separated(text: bytes) -> list[bytes]:
-    """The separate lines in a piece of output, because a process may write one line into the middle of a
-    different one.
+    """The separate lines in a piece of output, because a process may write one line into the middle of
+    another.
     """
     first, *others = text.split(RECORD_SEPARATOR)
     return [*([first] if first.strip() else []), *(RECORD_SEPARATOR + other for other in others)]

@@ -33,7 +33,7 @@ class _Sign(Enum):
 
 
 class Outlet(Generic[Item]):
-    """Writes items in a separate thread, which may block for any time.
+    """Writes items in a separate thread, which may block indefinitely.
 
     Args:
         write: writes one item. If it raises, the item is lost.

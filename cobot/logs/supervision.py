@@ -60,7 +60,7 @@ class SupervisorLog(logging.Handler):
         self._put(Line.of(record, ""))
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
-        """Do nothing, because there is no place left to report the error."""
+        """Do nothing, because there is nowhere left to report the error."""
 
     def follow(self, name: str, output: BinaryIO, heard: Callable[[str], None]) -> threading.Thread:
         """Read the lines of a child until its output ends. A thread reads them, so that the child never

@@ -51,9 +51,7 @@ class PathPoint(RequestModel):
 
 
 class KeptOrientation(RequestModel):
-    """Constraint that an axis of the tool stays near a direction, so that for example a glass stays
-    upright.
-    """
+    """Constraint that keeps an axis of the tool near a direction, for example to keep a glass upright."""
 
     tool_axis: Direction = Field(
         Direction(x=0.0, y=0.0, z=1.0), description="Axis of the tool, in the TCP's frame."

@@ -81,7 +81,7 @@ def _is_given(request: MotionRequest, field: str) -> bool:
 
 
 def _named(request: MotionRequest, field: str) -> str:
-    """A field for the beginning of an error: its name in JSON, and its value if that is a word."""
+    """A field as the beginning of an error: its name in JSON, and its value if that is a word."""
     value = getattr(request, field)
     if field == "tcp_speed" and value.linear_m_s is None:
         return f"{BODY_FIELDS[field][1]}:"

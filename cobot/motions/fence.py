@@ -39,7 +39,7 @@ class Fence:
         return [*self.low, *self.high, self.speed_m_s]
 
     def breach(self, trajectory: Trajectory, chain: Chain) -> str:
-        """A sentence that names the place where a motion first leaves the fence; "" if the motion stays
+        """A sentence that names the point where a motion first leaves the fence; "" if the motion stays
         inside.
 
         Args:

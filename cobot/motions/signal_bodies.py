@@ -20,7 +20,7 @@ MAX_RETRACT_M = 1.0
 
 
 class ActionPlace(RequestModel):
-    """A place on the path of the motion. Give one of `distance_m`, `time_s` and `fraction`."""
+    """A point on the path of the motion. Give one of `distance_m`, `time_s` and `fraction`."""
 
     distance_m: Annotated[
         Finite | None, Field(ge=0.0, le=1000.0, description="Distance along the TCP path, m.")
@@ -65,11 +65,11 @@ class SetAction(RequestModel):
 
 
 class PathAction(RequestModel):
-    """An action at a place on the path. Give one of `set`, `event` and `gripper`."""
+    """An action at a point on the path. Give one of `set`, `event` and `gripper`."""
 
     at: ActionPlace = Field(description="Place on the path.")
     set: SetAction | None = Field(
-        None, description="Output to set in the cycle in which the arm reaches the place."
+        None, description="Output to set in the cycle in which the arm reaches the point."
     )
     event: Annotated[
         str | None,
@@ -183,7 +183,7 @@ class SignalFields(RequestModel):
     """Fields of a motion with actions on its path and conditions."""
 
     actions: Annotated[list[PathAction], FailFast()] = Field(
-        [], max_length=MAX_ACTIONS, description="Actions at places on the path. Each is executed once."
+        [], max_length=MAX_ACTIONS, description="Actions at points on the path. Each is executed once."
     )
     start_when: InputCondition | None = Field(
         None,

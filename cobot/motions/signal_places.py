@@ -1,4 +1,4 @@
-"""Converts the places of actions on a trajectory from distances, times and fractions to path times."""
+"""Converts the positions of actions along a trajectory from distances, times and fractions to path times."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def _conditions(signals: PathSignals, times_s: tuple[float, float]) -> dict[str,
 def _path_time_s(
     action: Action, prefix: str, part_s: tuple[float, float], way: TcpWay, *, is_cut: bool
 ) -> float:
-    """The path time of an action. Its place is within the part of the way between the two path times in
+    """The path time of an action. Its position is within the part of the path between the two path times in
     `part_s`.
     """
     place, (begin_s, end_s) = action.place, part_s
@@ -160,7 +160,8 @@ def _path_time_s(
 def rest_of(
     signals: PathSignals, times_s: Sequence[float], now_s: float, end_s: float, way: TcpWay
 ) -> PathSignals:
-    """The signals for the remaining part of an interrupted motion. Its actions keep their places on the path.
+    """The signals for the remaining part of an interrupted motion. Its actions keep their positions on the
+    path.
 
     Args:
         times_s: the path time of each action.

@@ -1,6 +1,6 @@
-"""Actions at places on the path of a motion, and conditions for its start, its progress and its end.
+"""Actions at points on the path of a motion, and conditions for its start, its progress and its end.
 
-A request specifies places. `cobot.motions.signal_places` converts them to path times of a trajectory, because
+A request specifies points. `cobot.motions.signal_places` converts them to path times of a trajectory, because
 rtloop uses only path times.
 """
 
@@ -20,12 +20,12 @@ Unit = Literal["distance_m", "time_s", "fraction"]
 
 @dataclass(frozen=True, slots=True)
 class PathPlace:
-    """A place on the path of a motion.
+    """A point on the path of a motion.
 
     Attributes:
         unit: meaning of `value`: a length along the TCP path, m; a path time, s; or a share of the path's
             length.
-        from_end: whether the place is measured back from the end of the path.
+        from_end: whether the point is measured back from the end of the path.
     """
 
     unit: Unit
@@ -39,7 +39,7 @@ class PathPlace:
 
 @dataclass(frozen=True, slots=True)
 class Action:
-    """An action at a place: set an output, report an event, or command the gripper.
+    """An action at a point: set an output, report an event, or command the gripper.
 
     Attributes:
         field: the action's field in the request, for errors.
@@ -216,9 +216,7 @@ NO_PLACED = Placed()
 
 
 class HasConditions(Protocol):
-    """Interface of a motion that can have conditions, in any form. A condition that the motion does not have
-    is None.
-    """
+    """Interface of a motion that can have conditions, in any form. Missing conditions are None."""
 
     @property
     def start_when(self) -> object: ...

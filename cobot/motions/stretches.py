@@ -43,7 +43,7 @@ class Stretch:
     """Motions as one trajectory, and the data needed to extend it. Picklable.
 
     Attributes:
-        trajectory: the motion from rest at the start of the first motion, or from a place on the trajectory
+        trajectory: the motion from rest at the start of the first motion, or from a point on the trajectory
             that it replaces.
         ends_s: the time at which each motion ends and the next begins; of the completed motions, only the
             last ones are listed.

@@ -1,6 +1,6 @@
 """The requested curve, and how far a motion deviates from it.
 
-The deviation is Fréchet's distance, joint by joint: a motion passes the same places in the same order,
+The deviation is Fréchet's distance, joint by joint: a motion passes the same points in the same order,
 earlier or later. Slowing down is therefore not a deviation, but leaving out a turning point is.
 """
 
@@ -151,7 +151,7 @@ def deviation(asked: AskedCurve, control: Array, times_s: Array, step_s: float) 
 
 
 def _missed(given: Array, control: Array, step_s: float, times_s: Array) -> Array:
-    """The distance that a motion keeps from the given positions, shape (dof,), rad. Only places near the
+    """The distance that a motion keeps from the given positions, shape (dof,), rad. Only points near the
     given times are considered, in order.
     """
     positions, velocities = spline_at(control, step_s, times_s)

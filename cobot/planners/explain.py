@@ -153,7 +153,7 @@ def _slower(request: MotionRequest) -> Iterator[Idea]:
 
 
 def _faster(request: MotionRequest) -> Iterator[Idea]:
-    """The same request with a larger acceleration scale, because no time profile exists if it is near 0."""
+    """The same request with a larger acceleration scale, because there is no time profile if it is near 0."""
     scaling = request.scaling
     if 0.0 < scaling.accel_scale < scaling.speed:
         yield Idea({"scaling": Scaling(scaling.speed)}, "with accel_scale 0, the same as the speed")
@@ -193,8 +193,8 @@ def _gap_m(robot: RobotDescription, request: MotionRequest) -> float:
 
 
 def _searching(request: MotionRequest, planner: PlannerName = PlannerName.AUTO) -> dict[str, Any]:
-    """Changes of the request for a different planner: the scaling stays, fields that not every planner uses
-    are removed.
+    """Changes of the request for a different planner: the scaling is kept, and fields that not every planner
+    uses are removed.
     """
     return {"planner": planner, "scaling": request.scaling, **DEFAULTS, **ANY_END}
 
@@ -312,7 +312,7 @@ def _near_joints(robot: RobotDescription, request: MotionRequest, goal: Pose) ->
 
 
 def _as_written(pose: Pose) -> Pose:
-    """The pose as it results when a client sends its orientation as angles."""
+    """The pose that results if a client sends its orientation as angles."""
     x, y, z = pose.position.tolist()
     return Pose.from_abc(x, y, z, *pose.abc)
 

@@ -93,7 +93,7 @@ class Held:
         """Reject a motion that violates a constraint.
 
         Raises:
-            PlanningError: the motion violates a constraint; the message names the place, the constraint and
+            PlanningError: the motion violates a constraint; the message names the point, the constraint and
                 the violation.
         """
         count = min(MAX_LOOKS, int(trajectory.duration_s / LOOK_S) + 2)

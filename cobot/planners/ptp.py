@@ -54,7 +54,7 @@ def fastest_s(start: Array, goal: Array, limits: JointLimits) -> float:
 
 
 def _in_phase(start: Array, goal: Array, limits: JointLimits) -> Trajectory:
-    """One profile for the share of the path, which all joints follow."""
+    """Time the share of the path with one profile, which all joints follow."""
     way = goal - start
     moved = np.abs(way) > 0.0
     amounts = np.abs(way[moved])

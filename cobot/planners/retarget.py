@@ -2,8 +2,8 @@
 
 A ptp motion continues from the moving state: Ruckig's profiles lead from its velocities and accelerations to
 the new goal. Where that is impossible, and for all other planners, the new motion is the sum of two. In the
-first, the arm slows down from the place of the change until it stops, all joints in the same time. The second
-is a motion of any planner that leads from the place of this stop to the new goal. It begins before the first
+first, the arm slows down from the point of the change until it stops, all joints in the same time. The second
+is a motion of any planner that leads from the point of this stop to the new goal. It begins before the first
 has ended, as early as the limits permit. The accelerations of both motions are continuous, so the
 acceleration of the sum is continuous too. The sum is then checked like every motion.
 """
@@ -203,7 +203,7 @@ def _joined(
             continue
         return whole
     try:
-        check_motion(robot, whole, limits)  # an error names the place in the whole motion
+        check_motion(robot, whole, limits)  # an error names the point in the whole motion
     except (LimitError, PlanningError) as exc:
         kind = CollisionError if isinstance(exc, CollisionError) else PlanningError
         said = f"the path from the current motion to the new goal: {exc}"
@@ -239,9 +239,7 @@ def _tcp_speed(robot: RobotDescription, motion: Trajectory) -> float:
 
 
 def _sum(slowing: Trajectory, following: Trajectory, begun_s: float) -> Trajectory:
-    """The sum of a motion to rest and a second motion, which begins at a given time from the place of that
-    rest.
-    """
+    """The sum of a motion to rest and a second motion from that rest, which begins at a given time."""
     times = np.unique(np.concatenate([slowing.breakpoints_s, begun_s + following.breakpoints_s]))
     times = times[np.append(True, np.diff(times) > SAME_S)]
     middles = 0.5 * (times[:-1] + times[1:])

@@ -33,11 +33,11 @@ _FRAME_HEADER = 18
 
 
 def bounded_reader(file: BinaryIO) -> SeekingReader:
-    """Return a reader for a file. Before that, the sizes of its records and chunks are checked, and the sum
-    of all chunks.
+    """Return a reader for a file, after checking the sizes of its records and chunks, and the sum of all
+    chunks.
 
     Raises:
-        ValueError: a size exceeds its limit. The error names the place, the claimed size and the limit.
+        ValueError: a size exceeds its limit. The error names the location, the claimed size and the limit.
     """
     size = file.seek(0, os.SEEK_END)
     require_room("the chunks of the file", sum(_require_chunk(file, *each) for each in _records(file, size)))

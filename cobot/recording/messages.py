@@ -55,7 +55,7 @@ _OWN = (
     (12, "uint32", "interventions"),
     *((13, "uint32", name) for name in _PHASES),
 )
-"""Fields of a /cycle message that are not copied from the record: place, type and name."""
+"""Fields of a /cycle message that are not copied from the record: position, type and name."""
 _COPIED = tuple(
     (*field.message, field.name) for field in STATE_FIELDS if field.message and field.topic == CYCLE_TOPIC
 )

@@ -111,8 +111,8 @@ class RecordingStore:
         }
 
     def make_room(self, needed: int, kept: Container[str] = ()) -> int:
-        """Remove recordings until there is room for more bytes. Requested recordings are removed first, the
-        oldest before newer ones.
+        """Remove recordings until there is room for more bytes. Requested recordings are removed first,
+        oldest first.
 
         Args:
             needed: number of bytes that are needed in addition to the existing files.

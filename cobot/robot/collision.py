@@ -130,8 +130,8 @@ class CollisionChecker:
         return other
 
     def twin(self) -> CollisionChecker:
-        """A checker of the same arm, scene and tool for use in another thread: it uses a scratch memory of
-        its own.
+        """A checker of the same arm, scene and tool for use in another thread: it uses its own scratch
+        memory.
         """
         other = copy.copy(self)
         other.clearance = Clearance(self._mj, self.pairs, RESOLUTION_M, self.clearance.clouds)
@@ -290,7 +290,7 @@ class CollisionChecker:
         """Reject a configuration that is in collision.
 
         Args:
-            share: place of the configuration in a motion: 0 at the start, 1 at the goal.
+            share: position of the configuration in a motion: 0 at the start, 1 at the goal.
 
         Raises:
             CollisionError: the configuration is in collision; the message names `what` and the bodies.

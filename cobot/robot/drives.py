@@ -74,8 +74,8 @@ def check_passive_forces(mj: mujoco.MjModel) -> None:
 
 
 def check_forces(mj: mujoco.MjModel, limits: JointLimits) -> None:
-    """Reject effort limits beyond those of the model's drives, because the simulation would silently cut the
-    efforts off.
+    """Reject effort limits beyond those of the model's drives, because the simulation would silently clip the
+    efforts.
 
     Raises:
         ConfigError: an effort limit is too high; the message names the joint, both efforts and a remedy.

@@ -106,7 +106,7 @@ def _box_tree(x: float, y: float, z: float) -> Array:
 
 
 def _bounding_tree(x: float, y: float, z: float, *half: float) -> Array:
-    """The spheres around the bounding box of a different shape. The box is given by its centre and its half
+    """The spheres around the bounding box of any other shape. The box is given by its centre and its half
     sizes.
     """
     tree = _box_tree(*half)

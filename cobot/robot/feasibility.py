@@ -67,8 +67,8 @@ def check_limits(
         tolerance: share of a limit (of the range, for positions) that it may be exceeded by.
 
     Raises:
-        LimitError: a limit is exceeded; reports the earliest violation with its place, joint, quantity, value
-            and limit.
+        LimitError: a limit is exceeded; reports the earliest violation with its position, joint, quantity,
+            value and limit.
     """
     if _keeps(trajectory, limits, tolerance):
         return
@@ -96,7 +96,7 @@ def check_limits(
 
 
 def _worst_share(trajectory: Trajectory, derivative: int, segment: int, joint: int, below: bool) -> float:
-    """The place in a segment where a joint exceeds a limit most, as a share of the motion's duration."""
+    """The point in a segment where a joint exceeds a limit most, as a share of the motion's duration."""
     begin, end = trajectory.breakpoints_s[segment : segment + 2]
     times = np.linspace(begin, end, PLACES)
     # The end belongs to the next segment, whose jerk may differ.
@@ -172,8 +172,8 @@ def check_efforts(model: RobotModel, trajectory: Trajectory, limits: JointLimits
     """Reject a motion that needs more effort than a drive has, including the load of the model.
 
     Raises:
-        LimitError: a drive's effort is not enough; the message names the place, the joint, the needed effort
-            and the limit.
+        LimitError: a drive's effort is not enough; the message names the position, the joint, the needed
+            effort and the limit.
     """
     times, efforts = effort_samples(model, trajectory)
     share = np.abs(efforts) / limits.max_effort

@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 
 class KeptArrays:
-    """Arrays by their keys. If they need more than `max_bytes` together, those that were not used for the
-    longest time are dropped; the newest one is kept whatever its size. All callers get the same array, so
-    they must not change it.
+    """Arrays by their keys. If they need more than `max_bytes` together, the least recently used ones are
+    dropped; the newest one is kept whatever its size. All callers get the same array, so they must not change
+    it.
     """
 
     def __init__(self, max_bytes: int) -> None:

@@ -63,7 +63,7 @@ def check_positions(
     """Reject joint positions beyond the limits.
 
     Args:
-        share: place of the positions in a motion: 0 at the start, 1 at the goal.
+        share: position of these positions in a motion: 0 at the start, 1 at the goal.
 
     Raises:
         LimitError: a joint is beyond its limits; the message names every such joint with its value and its

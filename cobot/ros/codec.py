@@ -54,7 +54,7 @@ class FieldCodec(Protocol):
         """Check a value and complete it with defaults.
 
         Args:
-            path: place of the value, for errors.
+            path: location of the value, for errors.
 
         Raises:
             InputError: the value is invalid.

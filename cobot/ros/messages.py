@@ -105,7 +105,7 @@ class Messages:
         """The message after checking. Missing fields have the defaults of ROS.
 
         Raises:
-            InputError: the message is invalid; the message names the place and the problem.
+            InputError: the message is invalid; the message names the location and the problem.
         """
         try:
             return self.record(name).check(message, "")
@@ -113,8 +113,8 @@ class Messages:
             raise InputError(f"{name}: {exc}") from exc
 
     def examine(self, name: str, message: Any) -> CheckedMessage:
-        """Check a message without blocking the event loop. Checking a large message takes seconds, so a
-        different thread does it.
+        """Check a message without blocking the event loop. Checking a large message takes seconds, so another
+        thread does it.
 
         Raises:
             InputError: the type is unknown. `checked` raises errors about the message.

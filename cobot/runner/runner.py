@@ -41,8 +41,8 @@ class ReturnCode(IntEnum):
 
 
 class Ended(BaseException):
-    """A signal has ended the runner. This is not an Exception, so that code that handles ordinary errors does
-    not catch it.
+    """Raised when a signal ends the runner. This is not an Exception, so that code that handles ordinary
+    errors does not catch it.
     """
 
     def __init__(self, number: int) -> None:

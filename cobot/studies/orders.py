@@ -26,7 +26,7 @@ _KEPT = 2
 
 
 class ForeignWorkerError(UnavailableError):
-    """A worker has a different version of cobot or different files, so it must not compute."""
+    """Raised if a worker has a different version of cobot or different files, so that it must not compute."""
 
 
 def keys_of_answer(document: Mapping[str, Any]) -> set[str]:

@@ -112,7 +112,7 @@ def _tell(**content: Any) -> None:
 
 
 def finite(value: Any) -> Any:
-    """The value with None in place of NaN and infinite numbers, because JSON has no such numbers."""
+    """The value with None instead of NaN and infinite numbers, because JSON has no such numbers."""
     if isinstance(value, dict):
         return {name: finite(each) for name, each in value.items()}
     if isinstance(value, list | tuple):
@@ -198,7 +198,7 @@ def _document(request: ServedRequest, folder: Path) -> dict[str, Any]:
 
 
 def _parts(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """The studies in a comparison, by their places in the document."""
+    """The studies in a comparison, by their locations in the document."""
     variants = document.get("variants")
     parts = (
         {f"variants.{name}": each for name, each in variants.items()} if isinstance(variants, dict) else {}

@@ -62,7 +62,7 @@ class Study(StrictModel):
         return self._folder
 
     def keep_source(self, document: dict[str, Any], folder: Path) -> None:
-        """Store the document and the folder, from which workers create the study again."""
+        """Store the document and the folder, from which workers recreate the study."""
         self._document, self._folder = document, folder
 
     @property

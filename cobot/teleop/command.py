@@ -50,7 +50,7 @@ class _Answering:
 
 
 def teleop(chosen: argparse.Namespace) -> None:
-    """Control an arm with a device until the user ends it.
+    """Control an arm with an input device until the user quits.
 
     Raises:
         InputError: the device does not exist, or the speed is invalid.

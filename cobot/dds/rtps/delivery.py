@@ -28,7 +28,7 @@ class Delivery:
         self._calls.put(call)
 
     def close(self) -> None:
-        """End after all earlier calls. Waits for these calls, but at most 5 s."""
+        """Stop after all queued calls. Waits for them for at most 5 s."""
         self._calls.put(None)
         if threading.current_thread() is not self._thread:
             self._thread.join(_LAST_CALLBACK_S)

@@ -226,7 +226,7 @@ class Discovery:
     def on_participant(
         self, prefix: bytes, payload: bytes | None, inline: Parameters | None, heard_from: str
     ) -> None:
-        """Process the announcement of a participant that it exists or that it ends."""
+        """Process a participant's announcement that it exists or has ended."""
         if disposes(inline):
             self._drop(prefix)
             return
@@ -275,7 +275,7 @@ class Discovery:
 
     def _greet(self, peer: _Peer, times: int) -> None:
         """Repeat our announcement until the peer answers. When the peer sent its first announcement, it may
-        not have listened yet.
+        not have been listening yet.
         """
         if peer.knows_us or not times or self._peers.get(peer.public.guid.prefix) is not peer:
             return

@@ -171,7 +171,7 @@ class ParameterReader:
         return cursor.bytes(length)
 
     def seconds(self, pid: int, default: float) -> float:
-        """Read a duration, in seconds. The value that RTPS defines as infinite gives infinity."""
+        """Read a duration, in seconds. The value that RTPS defines as infinite becomes infinity."""
         if pid not in self:
             return default
         whole, fraction = self._cursor(pid).read(Layout("iI"))

@@ -137,7 +137,7 @@ class Reader(RtpsEndpoint[WriterProxy]):
             self._acknowledge_in(proxy, 0.0)
 
     def on_heartbeat_fragment(self, guid: bytes, sequence: int) -> None:
-        """Record that a sample is being sent. There is no answer, because some writers report this with every
+        """Record that a sample is being sent. It is not answered, because some writers report this with every
         fragment.
         """
         proxy = self._proxies.get(guid)

@@ -20,7 +20,7 @@ MAX_HEARTBEAT_S = 0.5
 
 
 def pieces(change: Change) -> range:
-    """Numbers of the fragments of a change. If it is sent as a whole, this is only 1."""
+    """The fragment numbers of a change; only 1 if it is sent as a whole."""
     return range(1, max(1, -(-len(change.payload) // MAX_PIECE)) + 1)
 
 

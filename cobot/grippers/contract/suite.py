@@ -181,7 +181,7 @@ def preempt(subject: Subject) -> str:
 
 
 def stop(subject: Subject) -> str:
-    """A stop ends the motion, and the fingers stay at the place where they stop."""
+    """A stop ends the motion, and the fingers stay where they stopped."""
     able = subject.prepare()
     least, _ = _widths(able)
     if not able.continuous:

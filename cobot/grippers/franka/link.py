@@ -50,7 +50,7 @@ class HandLink(Protocol):
     def close(self) -> None: ...
 
     def read(self) -> HandReading:
-        """Read the state. While a command runs, it may be the state before that command."""
+        """Read the state. While a command is running, it may be the state before that command."""
         ...
 
     def begin(self, call: str, *arguments: float) -> None:
@@ -96,7 +96,7 @@ class ProcessLink:
             self._spare = None
 
     def read(self) -> HandReading:
-        """See `HandLink`. While a command runs, this returns the state before that command."""
+        """See `HandLink`. While a command is running, this returns the state before that command."""
         if not self._pending:
             self._seen = HandReading(*self._ask(READ_S, "read_once"))
             self._seen_s = time.monotonic()

@@ -133,9 +133,7 @@ class RosGripper:
         return RosRig(options)
 
     def connect(self) -> None:
-        """Listen to the ROS 2 driver, and wait for it for a short time. Whether an object is held is
-        remembered.
-        """
+        """Listen to the ROS 2 driver, and wait for it briefly. Whether an object is held is remembered."""
         self._link.open()
         for _ in range(LOOKS):
             if self._link.heard.problem or (self._link.heard.ready and self._link.heard.joint):

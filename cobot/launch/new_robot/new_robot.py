@@ -1,7 +1,7 @@
 """`cobot new-robot`: converts a URDF, xacro or MJCF file to a folder for `cobot run --config`.
 
 The folder contains model.xml (MJCF), meshes, joint_limits.yaml, robot.srdf and cobot-setting.yaml. It is
-built and checked next to its final place. So the final folder is either complete or does not exist.
+built and checked next to its final location. So the final folder is either complete or does not exist.
 """
 
 from __future__ import annotations

@@ -240,7 +240,7 @@ class _Reader:
                 self._exists(what, str(element.get(attribute)), known[what])
 
     def _read_ends(self, found: Semantics) -> None:
-        """Read base and TCP from the group's chain. Without a chain, the TCP is the one of the group's end
+        """Read base and TCP from the group's chain. Without a chain, the TCP is that of the group's end
         effector.
         """
         group = self._groups.get(found.group)

@@ -100,7 +100,7 @@ class _Shape:
 
     @cached_property
     def _planes(self) -> Array:
-        """Equations of the hull's faces, shape (n, 4). Coplanar triangles count as one face."""
+        """Equations of the hull's faces, shape (n, 4). Coplanar triangles are merged into one face."""
         return np.zeros((0, 4)) if self._hull is None else np.unique(self._hull.equations.round(6), axis=0)
 
     def sampled(self, random: np.random.Generator, number: int) -> Array:

@@ -212,8 +212,8 @@ def _chains(tree: JointTree) -> list[list[MovingJoint]]:
 
 
 def _without_rods(path: list[MovingJoint]) -> list[MovingJoint]:
-    """The path without joints at its end that follow other joints. Such joints belong to a linkage, unless
-    they carry the TCP.
+    """The path without the joints at its end that follow other joints. Such joints belong to a linkage,
+    unless they carry the TCP.
     """
     top = len(path)
     while top and path[top - 1].leader:
@@ -223,8 +223,8 @@ def _without_rods(path: list[MovingJoint]) -> list[MovingJoint]:
 
 
 def _without_jaw(path: list[MovingJoint]) -> list[MovingJoint]:
-    """The path without a last joint that does not move the TCP. Such a joint is a jaw, regardless of its
-    name.
+    """The path without its last joint if that joint does not move the TCP. Such a joint is a jaw, regardless
+    of its name.
     """
     if len(path) > RIVAL_JOINTS and not _has_tcp(path) and _has_tcp(path[:-1]):
         return path[:-1]

@@ -188,7 +188,7 @@ def located(file: Path, name: str, packages: Sequence[Path]) -> Path:
 
     Raises:
         ConfigError: the name is invalid; the message does not name the file and the link.
-        MissingMeshError: the file does not exist; the message names the places that were searched.
+        MissingMeshError: the file does not exist; the message names the folders that were searched.
     """
     if "\0" in name or len(name) > 1000:
         raise ConfigError(f"{shown(name)} is not a file name")

@@ -42,8 +42,8 @@ def _has_effect(tendon: mujoco.MjsTendon) -> bool:
 
 
 def _remove_margins(spec: mujoco.MjSpec) -> list[str]:
-    """Set the margins of contacts to 0, so that contact forces act only where shapes touch. cobot keeps
-    distances by its own settings.
+    """Set the margins of contacts to 0, so that contact forces act only where shapes touch. The settings
+    define the distances that cobot keeps.
     """
     overrides = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
     shapes = [*spec.geoms, *spec.pairs]

@@ -95,8 +95,8 @@ class Telescope:
                 state[self.first.name] *= self.travel
 
     def _velocity_and_effort(self, rates: dict[str, tuple[float, float]]) -> tuple[float, float]:
-        """Maximum velocity and maximum effort of the last stage. At this velocity, each joint keeps its own
-        limit.
+        """Maximum velocity and maximum effort of the last stage. At this velocity, each joint stays within
+        its own limit.
         """
         velocity, effort = rates.get(self.first.name, (0.0, 0.0))
         velocities = [velocity] if velocity else []
@@ -106,7 +106,7 @@ class Telescope:
         return min(velocities, default=0.0) * self.travel, effort / self.travel
 
     def _ranges(self) -> list[tuple[float, float]]:
-        """Ranges for the first joint. Each joint that has limits results in one range."""
+        """Ranges for the first joint. There is one range for each joint that has limits."""
         joint = self.first.joint
         found = [tuple(joint.range)] if has_bounds(joint.limited, joint.range) else []
         for node, (start, slope) in zip(self.others, self.lines, strict=True):

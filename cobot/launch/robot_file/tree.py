@@ -130,7 +130,7 @@ class JointTree:
         return found
 
     def _rest(self, node: MovingJoint, degrees: bool, found: dict[str, float]) -> float:
-        """Add the position of one joint. The positions of its leaders are added before."""
+        """Add the position of one joint. The positions of its leaders are added first."""
         if node.name not in found:
             unit = _unit(node.joint, degrees)
             found[node.name] = rest = node.reference(degrees)
@@ -207,7 +207,7 @@ class JointTree:
 
 
 def moved_together(spec: mujoco.MjSpec, chain: list[MovingJoint]) -> list[str]:
-    """The joints of the chain that one actuator moves together by a tendon."""
+    """The joints of the chain that one actuator moves together through a tendon."""
     names = {node.name for node in chain}
     for actuator in spec.actuators:
         if actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON and (tendon := spec.tendon(actuator.target)):

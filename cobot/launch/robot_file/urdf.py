@@ -102,7 +102,7 @@ def _add_world(root: Element) -> None:
 
 
 def _strip(root: Element) -> None:
-    """Remove elements that are for other programs, or only visual."""
+    """Remove elements that are only for other programs or only visual."""
     for parent in list(root.iter()):
         kept = CHILDREN.get(parent.tag)
         if parent.tag == "joint" and parent.get("type") == "fixed":

@@ -127,7 +127,7 @@ class Child:
             self.reader.join(1.0)
 
     def ensure_running(self) -> None:
-        """Restart the process after a pause if it has ended. The pause grows with each failure until the
+        """Restart the process, after a pause, if it has ended. The pause grows with each failure until the
         process has lived for `STEADY_S`.
         """
         assert self.process is not None

@@ -207,9 +207,7 @@ def _away(robot: RobotDescription, middle: Array, rows: Array) -> Array:
 
 
 def _within(places: Array, away: Array, radius_m: float) -> float:
-    """The path parameter up to which the TCP stays within the radius; 0 if it is outside from the
-    beginning.
-    """
+    """The path parameter up to which the TCP stays within the radius; 0 if it starts outside."""
     outside = np.flatnonzero(away > radius_m)
     if not len(outside):
         return float(places[-1])

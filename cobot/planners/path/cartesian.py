@@ -31,7 +31,7 @@ from cobot.types import Array, CartesianLimits
 STANDING_M, STANDING_RAD = 1e-6, 1e-6
 FAR = 0.5
 """Share of the path that the first start configurations must reach before further configurations are
-tried. Further places are tried only after a configuration has reached the end.
+tried. Further points are tried only after a configuration has reached the end.
 """
 SLOW = 2.5
 """If a motion is slower by this factor than the TCP limits require, it is compared with a motion found by the

@@ -27,19 +27,19 @@ from cobot.robot.inverse_kinematics import allowed, apart, cause_of, missing
 from cobot.types import Array, JointLimits
 
 STEP_RAD = 0.4
-"""Maximum turn of a joint between two places, rad. If a joint would turn further, a place is added between
+"""Maximum turn of a joint between two points, rad. If a joint would turn further, a point is added between
 them.
 """
 SAME_RAD = 1e-6
 """Joint positions that differ by less than this, rad, are considered equal."""
 STEPS = 60
-"""Maximum number of steps of a descent from one place to the next."""
+"""Maximum number of steps of a descent from one point to the next."""
 
 
 def continued(
     robot: RobotDescription, start: Array, path: TcpPath, end: Array | None = None
 ) -> tuple[JointCurve | None, CobotError | None]:
-    """The joints at evenly spaced places of a path, each solved by inverse kinematics from the previous one;
+    """The joints at evenly spaced points of a path, each solved by inverse kinematics from the previous one;
     or the reason why the joints cannot continue.
 
     Args:
@@ -94,8 +94,8 @@ def _other_end_error(
 
 
 def share_along(robot: RobotDescription, start: Array, path: TcpPath) -> float:
-    """The share of a path up to which the joints continue from `start` to each evenly spaced place without a
-    collision at this place. This is a quick estimate, not a proof.
+    """The share of a path up to which the joints continue from `start` to each evenly spaced point without a
+    collision at this point. This is a quick estimate, not a proof.
     """
     free = robot.collision.clearance.are_free(_carried(robot, start, path))
     return float(np.logical_and.accumulate(free).sum()) / path.places
@@ -115,7 +115,7 @@ def obstacle_along(robot: RobotDescription, start: Array, path: TcpPath) -> Cobo
 
 
 def _carried(robot: RobotDescription, start: Array, path: TcpPath) -> Array:
-    """The joints at the first evenly spaced places of the path, up to the place at which they cannot
+    """The joints at the first evenly spaced points of the path, up to the point at which they cannot
     continue, shape (n, dof).
     """
     poses = path.poses(np.linspace(0.0, 1.0, path.places + 1)[1:])
@@ -162,7 +162,8 @@ def _chain(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Array,
                     descend, {place: poses[place] for place in ahead if place in poses}, rows[-1]
                 )
             if not solved:
-                # The message describes the next even place, where the distance from the path is noticeable.
+                # The message describes the next of these points, where the distance from the path is
+                # noticeable.
                 joints = descend(poses[beyond], rows[-1])[0]
             raise _failure(robot, path, (share, beyond), joints, rows[-1], at_limit, solved)
     return np.array(shares), np.array(rows)

@@ -1,4 +1,4 @@
-"""A smooth joint path through joint angles at places of a TCP path. Between these places it also follows the
+"""A smooth joint path through joint angles at points of a TCP path. Between these points it also follows the
 TCP path.
 """
 
@@ -22,24 +22,26 @@ PATH_SHARE = 0.4
 parameterization.
 """
 POSE_SHARE = 0.5 * PATH_SHARE
-"""Share of the allowed deviation at the places themselves, for an arm that reaches most poses
+"""Share of the allowed deviation at the points themselves, for an arm that reaches most poses
 approximately.
 """
 BETWEEN = np.array([0.25, 0.5, 0.75])
-"""Places within each interval at which the deviation is checked, as shares of the interval."""
+"""Points within each interval at which the deviation is checked, as shares of the interval."""
 AT_ENDS = np.array([0.03, 0.08, 0.15])
-"""Additional places that are checked, because a spline overshoots there first. They are measured from the
+"""Additional points that are checked, because a spline overshoots there first. They are measured from the
 path's beginning in the first interval, and from its end in the last one.
 """
 EVEN_STEP_RAD = 0.25
-"""If the joints turn further than this between even places, the parameter is the joints' distance instead."""
+"""If the joints turn further than this between evenly spaced points, the parameter is the distance in joint
+space instead.
+"""
 EVEN_SHARE = 1e-9
-"""Maximum difference between the steps of evenly spaced places, as a share of the path."""
+"""Maximum difference between the steps of evenly spaced points, as a share of the path."""
 MAX_STEP_RAD = 0.12
 THIN = 0.4
-"""Minimum distance between places, as a share of their mean distance or of `MAX_STEP_RAD`."""
+"""Minimum distance between points, as a share of their mean distance or of `MAX_STEP_RAD`."""
 MIN_SHARE = 1e-9
-"""Minimum distance between places, as a share of the path. If the joints turn too far within this distance,
+"""Minimum distance between points, as a share of the path. If the joints turn too far within this distance,
 the path is singular there, because the joints would jump.
 """
 SHARE_RAD = 0.1
@@ -47,7 +49,7 @@ SHARE_RAD = 0.1
 the parameter increase even where no joint moves.
 """
 SWINGING = 1.5
-"""If a curve through the places is longer than its chords by this factor, it oscillates between them."""
+"""If a curve through the points is longer than its chords by this factor, it oscillates between them."""
 MAX_PLACES = 1500
 ROUNDS = 12
 INSIDE_RAD = 1e-6
@@ -64,12 +66,12 @@ def through(
     robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, joints_at: JointsAt
 ) -> JointCurve:
     """A joint path through the configurations `rows`, shape (n, dof), at the shares of the path `shares`,
-    shape (n,). Places are added where they are needed for accuracy.
+    shape (n,). Points are added where they are needed for accuracy.
 
     It stays within the joint limits, and its TCP within `MAX_DEVIATION_*` of the TCP path.
 
     Raises:
-        UnreachableError: the joints jump, a place has no joint angles, or `MAX_PLACES` are not enough.
+        UnreachableError: the joints jump, a point has no joint angles, or `MAX_PLACES` are not enough.
     """
     limits = robot.limits  # a path may begin beyond them
     low = np.minimum(limits.min_position + INSIDE_RAD, rows[0])
@@ -132,7 +134,7 @@ def _inaccurate(path: TcpPath) -> UnreachableError:
 def _refine_jumps(
     path: TcpPath, robot: RobotDescription, shares: Array, rows: Array, joints_at: JointsAt
 ) -> tuple[Array, Array]:
-    """Add places where the joints turn far between two places."""
+    """Add points where the joints turn far between two points."""
     while True:
         steps = np.abs(np.diff(rows, axis=0))
         far = steps.max(axis=1) > MAX_STEP_RAD
@@ -147,7 +149,7 @@ def _refine_jumps(
 
 
 def _thin(shares: Array, rows: Array) -> tuple[Array, Array]:
-    """Remove places that are much closer together than most: a spline through them would overshoot."""
+    """Remove points that are much closer together than most: a spline through them would overshoot."""
     steps = _chords(shares, rows)
     least = THIN * min(MAX_STEP_RAD, float(steps.sum()) / len(steps))
     kept, gone = [0], 0.0
@@ -165,7 +167,7 @@ def _thin(shares: Array, rows: Array) -> tuple[Array, Array]:
 def _halve(
     path: TcpPath, shares: Array, rows: Array, which: Array, joints_at: JointsAt
 ) -> tuple[Array, Array]:
-    """Add a place in the middle of the intervals that `which` selects, a mask of shape (n - 1,)."""
+    """Add a point in the middle of the intervals that `which` selects, a mask of shape (n - 1,)."""
     chosen = np.flatnonzero(which)
     if len(rows) + len(chosen) > MAX_PLACES:
         raise _inaccurate(path)
@@ -183,12 +185,12 @@ def _halve(
 
 
 def _lengths(shares: Array, rows: Array) -> Array:
-    """The parameter of each place, which is its arc length along a curve through all places.
+    """The parameter of each point, which is its arc length along a curve through all points.
 
     The curve is first parameterized by chord lengths, and then refined twice. Each length is the length in
     joint space plus a small share of the length along the TCP path.
 
-    If a curve through the places would oscillate, chord lengths are used until there are more places.
+    If a curve through the points would oscillate, chord lengths are used until there are more points.
     """
     points = np.column_stack([rows, SHARE_RAD * shares])
     parameters = np.concatenate([[0.0], np.cumsum(_chords(shares, rows))])

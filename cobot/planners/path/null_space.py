@@ -1,7 +1,7 @@
 """Joint paths along a TCP path, for redundant arms for which no arm angle is defined.
 
-A particle filter carries a set of configurations along the path. At each place, neighbours are drawn from
-their null space. Those that are collision-free and near a configuration at the previous place are kept, each
+A particle filter carries a set of configurations along the path. At each point, neighbours are drawn from
+their null space. Those that are collision-free and near a configuration at the previous point are kept, each
 with the cheapest route to it (dynamic programming). The cheapest route to the end is then smoothed.
 """
 
@@ -23,7 +23,7 @@ FEW, MANY = 120, 360
 route.
 """
 FINER = 4
-"""Factor for the number of places, for a narrow passage near a limit."""
+"""Factor for the number of points, for a narrow passage near a limit."""
 SPREADS_RAD = (0.02, 0.08, 0.25)
 """Standard deviations of the random neighbours, used in turn, rad."""
 NEAR_SHARE = 0.1
@@ -31,11 +31,11 @@ NEAR_SHARE = 0.1
 as one full step.
 """
 STEP_RAD = 0.3
-"""Largest joint step between places."""
+"""Largest joint step between points."""
 PLACE_M, PLACE_RAD, MAX_PLACES = 0.015, 0.1, 200
 INSIDE_RAD = 8e-3
 """Distance that the path keeps from joint limits, rad or m, unless the start is nearer to a limit. The
-splines between places need this margin, or less if places are closer together.
+splines between points need this margin, or less if points are closer together.
 """
 AHEAD = 2
 """Number of places beyond the end of all routes that a trial must pass before a larger search begins."""
@@ -48,7 +48,7 @@ class Particles:
     """Joint paths along one TCP path from one start. Equal arguments give equal results.
 
     Attributes:
-        shares: places on the path, as shares of it, shape (n,).
+        shares: points on the path, as shares of it, shape (n,).
         reached: share of the path that the joints reach.
     """
 
@@ -64,7 +64,7 @@ class Particles:
         """
         Args:
             count: number of configurations.
-            factor: factor for the number of places.
+            factor: factor for the number of points.
             end: joints in which all routes end, shape (dof,); None means any.
         """
         self._robot, self._arm = robot, robot.model.kinematics(path.free)

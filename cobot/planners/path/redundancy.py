@@ -1,11 +1,11 @@
 """Planning the arm angle of an S-R-S arm along a TCP path. It is the only degree of freedom that a TCP path
 leaves.
 
-The nodes of a graph are arm angles at even places of the path. Two nodes at neighbouring places are connected
-if each joint turns so little between them that the motion is continuous. The cheapest route is smoothed as
-far as limits and surroundings permit, and becomes a spline of the arm angle. The inverse kinematics stays in
-the branch of the start: it could only change its branch where axes align, which happens at single points of
-the graph.
+The nodes of a graph are arm angles at evenly spaced points along the path. Two nodes at neighbouring points
+are connected if each joint turns so little between them that the motion is continuous. The cheapest route is
+smoothed as far as limits and surroundings permit, and becomes a spline of the arm angle. The inverse
+kinematics stays in the branch of the start: it could only change its branch where axes align, which happens
+at single points of the graph.
 """
 
 from __future__ import annotations
@@ -51,10 +51,10 @@ class Mesh:
     """Resolution of the graph.
 
     Attributes:
-        factor: factor for the number of places.
+        factor: factor for the number of points.
         angles: arm angles per full turn.
-        window: largest change of the arm angle between places, in these steps.
-        step_rad: largest joint step between places.
+        window: largest change of the arm angle between points, in these steps.
+        step_rad: largest joint step between points.
     """
 
     factor: int
@@ -70,7 +70,7 @@ ENCLOSING = Mesh(
     max(mesh.window * 360 * mesh.factor // mesh.angles for mesh in MESHES),
     max(mesh.step_rad * mesh.factor for mesh in MESHES),
 )
-"""A mesh that contains every route through any of `MESHES`: it contains all their arm angles, only the places
+"""A mesh that contains every route through any of `MESHES`: it contains all their arm angles, only the points
 that they share, and steps as large as theirs. If this mesh has no route, the others have none either.
 """
 
@@ -132,7 +132,7 @@ class RedundancyGraph:
         self._angles = np.linspace(-np.pi, np.pi, mesh.angles, endpoint=False)
         self._branches = self._branches_at(start)
         self._rows: dict[int, Array]
-        """Joints of each branch at n places and m arm angles, shape (n, m, dof); NaN where there
+        """Joints of each branch at n points and m arm angles, shape (n, m, dof); NaN where there
         is no node.
         """
         poses = path.poses(self.shares[1:])
@@ -199,7 +199,7 @@ class RedundancyGraph:
                 rows[-1, round((angle + np.pi) / step) % len(self._angles)] = end
 
     def _corridor(self, angles: Array, branch: int, free: bool) -> Array:
-        """The lowest and the highest arm angle at each place, shape (2, n). All nodes between the given angle
+        """The lowest and the highest arm angle at each point, shape (2, n). All nodes between the given angle
         and these two angles are valid.
         """
         good = np.isfinite(self._costs(branch))
@@ -224,7 +224,7 @@ class RedundancyGraph:
         return [own, *sorted(others - {own})]
 
     def _cheapest(self, branch: int, free: bool) -> Array | None:
-        """The arm angles of the cheapest route at all places, shape (n + 1,), without jumps by full turns;
+        """The arm angles of the cheapest route at all points, shape (n + 1,), without jumps by full turns;
         None if no route reaches the end.
 
         free: use only nodes that are free of collisions.
@@ -260,8 +260,8 @@ class RedundancyGraph:
 
 
 def _smooth_within(angles: Array, corridor: Array, smoothness: float, to_end: bool) -> tuple[Array, Array]:
-    """Fit a spline near angles at even places, and return its knots and control points. The spline begins at
-    the first angle and, with `to_end`, ends at the last angle.
+    """Fit a spline near angles at points with even spacing, and return its knots and control points. The
+    spline begins at the first angle and, with `to_end`, ends at the last angle.
 
     Whittaker's smoothing minimises the squared distances to the angles plus squared second differences.
     Points outside the corridor, shape (2, n - 1), are moved to its edge with increasing weight.

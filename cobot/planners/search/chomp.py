@@ -158,7 +158,7 @@ def _descend(
 
 
 def _obstacle(robot: RobotDescription, clearance: Clearance, points: Array) -> CollisionError:
-    """The error that reports the deepest contact and its place."""
+    """The error that reports the deepest contact and its location."""
     points = _double(_double(points))
     distances = clearance.distances(points, 1.0)
     row, pair = np.unravel_index(int(distances.argmin()), distances.shape)

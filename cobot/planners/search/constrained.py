@@ -4,7 +4,7 @@ Newton's method projects each small step, towards a random configuration or the 
 surface (D. Berenson, S. Srinivasa, D. Ferguson and J. Kuffner, "Manipulation planning on constraint
 manifolds", 2009). The smaller tree grows next. Half of the targets are near a node of that tree, because from
 within a shelf, nearly all distant targets are behind boards. Such steps also shorten the path between two of
-its places. Finally the path is smoothed: each place moves to the middle between its neighbours.
+its nodes. Finally the path is smoothed: each node moves to the middle between its neighbours.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def plan_constrained(robot: RobotDescription, request: MotionRequest, goals: Arr
 
 
 class _Tree:
-    """A search tree. Each of its places stores its parent."""
+    """A search tree. Each of its nodes stores its parent."""
 
     def __init__(self, roots: Array) -> None:
         self._rows = np.array(roots)
@@ -94,7 +94,7 @@ class _Tree:
         return int(np.einsum("ij,ij->i", away, away).argmin())
 
     def add(self, parent: int, places: list[Array]) -> int:
-        """Add a chain of places and return the index of the last one."""
+        """Add a chain of nodes and return the index of the last one."""
         for place in places:
             if self._count == len(self._rows):
                 self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
@@ -104,7 +104,7 @@ class _Tree:
         return parent
 
     def back(self, index: int) -> list[Array]:
-        """The places from this place back to the root of the tree."""
+        """The nodes from this node back to the root of the tree."""
         way = []
         while index >= 0:
             way.append(self[index].copy())
@@ -123,7 +123,7 @@ class _Steps:
         self.trees: tuple[_Tree, _Tree]
 
     def paths(self, start: Array, goals: Array) -> list[list[Array]]:
-        """Several paths. There are fewer if the first ones took much work."""
+        """Several paths. There are fewer if the first ones needed many checks."""
         begun = self._clearance.evaluations
         found: list[list[Array]] = []
         while len(found) < SEARCHES and (way := self._connect(start, goals)):
@@ -133,7 +133,7 @@ class _Steps:
         return found
 
     def _connect(self, start: Array, goals: Array) -> list[Array] | None:
-        """The places of a path, each one step away from the previous place; None if time runs out."""
+        """The nodes of a path, each one step away from the previous node; None if time runs out."""
         self.trees = near, far = _Tree(start[None]), _Tree(goals)
         roots, target = len(goals) - 1, goals[0]
         while not self._is_over():
@@ -164,7 +164,7 @@ class _Steps:
         return np.clip(place + self._random.normal(0.0, NEARBY_RAD, len(place)), low, high)
 
     def _shorten(self, way: list[Array]) -> list[Array]:
-        """Shorten a path wherever steps lead straight from one of its places to a later one."""
+        """Shorten a path wherever steps lead straight from one of its nodes to a later one."""
         for _ in range(SHORTCUTS):
             if len(way) < 3 or self._is_over():
                 break
@@ -175,7 +175,7 @@ class _Steps:
         return way
 
     def even_out(self, way: list[Array]) -> Array:
-        """The path in short steps, with each place moved to the middle of its neighbours, shape (n, dof)."""
+        """The path in short steps, with each node moved to the middle of its neighbours, shape (n, dof)."""
         reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
         count = max(3, int(np.ceil(reached[-1] / EVEN_STEP_RAD)) + 1)
         even = np.linspace(0.0, reached[-1], count)

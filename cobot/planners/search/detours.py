@@ -22,7 +22,7 @@ from cobot.types import Array
 STEP_RAD = 0.8
 """Largest distance between two nodes on a path."""
 DRAWS, FINE_RAD = 100, 0.2
-"""Number of configurations that are drawn around a path, and distance between the places of the path around
+"""Number of configurations that are drawn around a path, and distance between the points of the path around
 which they are drawn.
 """
 SPREADS_RAD = (0.6, 0.4, 0.2)
@@ -71,7 +71,7 @@ def without_detours(
 def _draw(
     way: Array, goals: Array, bounds: tuple[Array, Array], spread_rad: float, random: np.random.Generator
 ) -> Array:
-    """Configurations around a path through which a shorter one may pass, shape (n, dof)."""
+    """Configurations around a path through which a shorter path may pass, shape (n, dof)."""
     places = divide(way, FINE_RAD)
     drawn = places[random.integers(len(places), size=DRAWS)]
     drawn = np.clip(drawn + spread_rad * random.normal(size=drawn.shape), *bounds)

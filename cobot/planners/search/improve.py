@@ -52,7 +52,7 @@ STEPS_RAD, GROWTH, DECAY = (0.02, 0.4), 1.3, 0.97
 and after an unsuccessful one.
 """
 LOOKS = 48
-"""Number of places at which a curve is checked before the complete proof that it is collision-free."""
+"""Number of points at which a curve is checked before the complete proof that it is collision-free."""
 PATH_SAMPLES = 200
 SAME_RAD = 1e-6
 

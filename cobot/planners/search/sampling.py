@@ -172,7 +172,7 @@ def _connect(
 
 @lru_cache(maxsize=64)
 def _seeds(seed: int) -> list[int]:
-    """The seeds of all searches of a request. To compute them takes longer than a short search."""
+    """The seeds of all searches of a request. Computing them takes longer than a short search."""
     count = 1 + len(FIRST_SHARES) + (ROUNDS - 1) * len(LATER_SHARES)
     return [int(each) for each in np.random.default_rng(seed).integers(2**62, size=count)]
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 DEGREE = 5
 FIRST_POINTS, LAST_POINTS = 12, 400
 SAMPLES = 192
-"""Number of places at which a path is checked for collisions before it is timed. Only the timed motion is
+"""Number of points at which a path is checked for collisions before it is timed. Only the timed motion is
 proven collision-free. A second proof before would take longer than the few timings that it saves.
 """
 LOOKS = 4

@@ -35,11 +35,11 @@ BASES = np.array([basis(x) for x in (0.0, MIDDLE, 1.0)])
 
 @lru_cache(maxsize=32)
 def acceleration_stations(cells: int) -> tuple[Array, Array]:
-    """The places where accelerations are limited: the beginning and the middle of each cell, and the end of
+    """The points where accelerations are limited: the beginning and the middle of each cell, and the end of
     the last.
 
     Returns:
-        The cell of each place, shape (n,), and the basis there, shape (n, 3, 3).
+        The cell of each point, shape (n,), and the basis there, shape (n, 3, 3).
     """
     even = np.arange(cells)
     index = np.concatenate([even, even, even[-1:]])
@@ -48,8 +48,8 @@ def acceleration_stations(cells: int) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=32)
 def jerk_stations(cells: int, ending: int) -> tuple[Array, Array]:
-    """The places where jerks are limited: both ends of each cell, and the middle of each of the first and the
-    last `ending` cells. Returns the cell of each place and the basis there.
+    """The points where jerks are limited: both ends of each cell, and the middle of each of the first and the
+    last `ending` cells. Returns the cell of each point and the basis there.
     """
     even = np.arange(cells)
     index = np.concatenate([even, even, even[:ending], even[-ending:]])

@@ -14,7 +14,7 @@ from cobot.robot.model import RobotModel
 from cobot.types import Array, CartesianLimits, JointLimits
 
 LOOKS = 33
-"""Number of places of the path. The TCP motion at these places decides the directions in which it
+"""Number of points of the path. The TCP motion at these points decides the directions in which it
 is limited.
 """
 STILL, STILL_BESIDE = 1e-9, 1e-4
@@ -47,7 +47,7 @@ class Zones:
     shares: Array
 
     def at(self, places: Array) -> Array:
-        """The shares at these places, shape (3, len(places), dof + 2)."""
+        """The shares at these points, shape (3, len(places), dof + 2)."""
         return np.asarray(self.shares[:, np.searchsorted(self.ends[:-1], places)])
 
 
@@ -105,7 +105,7 @@ class Coordinates:
         )
 
     def at(self, places: Array) -> tuple[Array, Array, Array]:
-        """Evaluate the path at places.
+        """Evaluate the path at points.
 
         Returns:
             The joints and their derivatives by s, shape (4, n, dof); the derivatives of all coordinates,
@@ -132,7 +132,7 @@ class Coordinates:
         )
 
     def shares(self, places: Array) -> Array:
-        """Shares of the velocity, acceleration and jerk limits for each coordinate at these places, shape (3,
+        """Shares of the velocity, acceleration and jerk limits for each coordinate at these points, shape (3,
         n, m).
         """
         if self._zones is None:
@@ -158,7 +158,7 @@ class _Tcp:
     ) -> None:
         """
         Args:
-            speeds, bends: values at some places of the path, per s and per s², shape (n,) each; see
+            speeds, bends: values at some points of the path, per s and per s², shape (n,) each; see
                 `speeds_and_bends`.
         """
         bend = bends * (velocity / np.maximum(speeds, 1e-12)) ** 2

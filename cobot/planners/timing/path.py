@@ -140,8 +140,8 @@ def spline_through(parameters: Array, points: Array) -> BSpline:
 
 @lru_cache(maxsize=8)
 def _even_units(count: int) -> tuple[Array, Array]:
-    """Breakpoints and coefficients, shape (pieces, count, 6), of `count` splines over evenly spaced places.
-    Each spline is 1 at one of the places and 0 at the others, so every spline through these places is a sum
+    """Breakpoints and coefficients, shape (pieces, count, 6), of `count` splines over evenly spaced points.
+    Each spline is 1 at one of the points and 0 at the others, so every spline through these points is a sum
     of them.
     """
     path = JointCurve.through(np.linspace(0.0, 1.0, count), np.eye(count))

@@ -39,7 +39,7 @@ DIFFERENCE = np.array([(-1) ** k * math.comb(ORDER, k) for k in range(ORDER + 1)
 
 
 def smoothed(times_s: Array, positions: Array) -> tuple[Array, float] | None:
-    """The points without their rounding; the first and the last one stay where they are.
+    """The points without their rounding; the first and the last point do not move.
 
     Args:
         times_s: increasing times of the points, shape (n,).

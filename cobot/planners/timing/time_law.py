@@ -2,7 +2,7 @@
 
 A first timing, see `reference_motion`, divides the motion into cells. The cells are longer where the motion
 hardly uses its acceleration limits. Then the rate of the motion is optimised under all limits at once, see
-`fastest_rate`, and the motion becomes one quintic per cell. Where its true extrema between the checked places
+`fastest_rate`, and the motion becomes one quintic per cell. Where its true extrema between the checked points
 exceed a limit, this limit is tightened and the rate is optimised again. Stretching the whole motion removes
 the small remainder.
 """
@@ -45,10 +45,10 @@ CELLS_PER_BUILD_UP, FINER_CELLS = 8, 32
 changes within a few cells of the first size.
 """
 PLACES = 100
-"""Minimum number of places of a path that the first timing checks."""
+"""Minimum number of points of a path that the first timing checks."""
 ZONE_PLACES, MAX_ZONE_PLACES = 6, 2000
-"""Minimum number of these places in the shortest zone, unless this needs more places than the second number
-along the whole path. Otherwise cells would be longer than a zone that lies between two places.
+"""Minimum number of these points in the shortest zone, unless this needs more points than the second number
+along the whole path. Otherwise cells would be longer than a zone that lies between two points.
 """
 GAP = 5e-4
 """The optimisation ends if at most this share of the duration could still be gained."""
@@ -252,7 +252,7 @@ class _Problem:
         return self._make_motion(rate)
 
     def _stations(self) -> list[Stations]:
-        """The places at which accelerations, velocities and efforts are limited, and the places at which
+        """The points at which accelerations, velocities and efforts are limited, and the points at which
         jerks are limited.
         """
         first, second, third = self._jerks
@@ -264,7 +264,7 @@ class _Problem:
         ]
 
     def _bounds(self) -> list[tuple[Array, Array]]:
-        """The bounds at these places, low and high."""
+        """The bounds at these points, low and high."""
         high = self._tightened[0, acceleration_stations(self._cells)[0]]
         one = np.ones((len(high), 1))
         low = np.concatenate([-high, -UNBOUNDED * one], axis=1)
@@ -326,10 +326,10 @@ class _Problem:
 
 @lru_cache(maxsize=32)
 def _checked_places(cells: int) -> tuple[Integers, Integers, Integers]:
-    """The checked places are the beginnings and the middles of all cells, and the end.
+    """The checked points are the beginnings and the middles of all cells, and the end.
 
     Returns:
-        The indices of the knots among these places; the indices at which the jerk is limited; and the cells
+        The indices of the knots among these points; the indices at which the jerk is limited; and the cells
         with an additional limit of the jerk in the middle.
     """
     knots = np.append(np.arange(cells), 2 * cells)

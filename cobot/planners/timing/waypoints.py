@@ -48,7 +48,7 @@ def plan_waypoints(robot: RobotDescription, request: WaypointRequest) -> Traject
 
     Raises:
         InputError: the points do not define a motion; see `through`.
-        LimitError: a limit is exceeded; the message names the points, or the place of an excessive effort.
+        LimitError: a limit is exceeded; the message names the points, or the position of an excessive effort.
         CollisionError: see `CollisionChecker.check_trajectory`.
     """
     limits = robot.limits

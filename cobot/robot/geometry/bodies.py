@@ -106,8 +106,8 @@ class Geometry:
 
 
 def geometry_version(robot: RobotDescription) -> Version:
-    """The version of the geometry. It changes when `geometry_of` would return something else, and depends on
-    scene, tool and position limits.
+    """The version of the geometry. It depends on scene, tool and position limits, and changes whenever the
+    result of `geometry_of` changes.
     """
     limits = robot.limits
     ranges = limits.min_position.tobytes() + limits.max_position.tobytes()

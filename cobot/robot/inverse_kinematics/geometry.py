@@ -102,7 +102,7 @@ def _numeric(chain: Chain, limits: JointLimits, rest: Array, axes: Axes, free: i
 
 
 def _rank(chain: Chain, limits: JointLimits) -> int:
-    """The number of directions in which the joints can move the TCP. It is the maximum over some random
+    """The number of directions in which the joints can move the TCP. This is the maximum over some random
     postures.
     """
     random = np.random.default_rng(0)

@@ -139,7 +139,7 @@ def cause_of(
     the pose.
 
     Args:
-        share: place of the pose in a motion.
+        share: position of the pose in a motion.
     """
     gap = model.kinematics(free).gap(row_of(pose))
     if gap > MIN_GAP_M:

@@ -41,7 +41,7 @@ Result = TypeVar("Result")
 
 
 class LostWorkerError(UnavailableError):
-    """The process that was computing a call has died. The call may be repeated."""
+    """Raised if the process that was computing a call has died. The call may be repeated."""
 
 
 @dataclass(slots=True)

@@ -40,8 +40,8 @@ class CycleStudy(RobotStudy):
     Attributes:
         space: some of `PARAMETERS`. Each move with `within_m` adds move1_x_m, move1_y_m and move1_z_m (with
             its number), and each group of `orders` adds order1: the number of a permutation.
-        orders: groups of moves whose goals may be visited in any order. A move is given by its place in the
-            program.
+        orders: groups of moves whose goals may be visited in any order. A move is given by its position in
+            the program.
     """
 
     first_chunk: ClassVar[int] = 2

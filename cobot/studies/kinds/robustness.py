@@ -31,7 +31,7 @@ MAX_CAUSES = 5
 
 
 class RobustnessStudy(RobotStudy):
-    """Finds the share of runs of a program that succeed, under random differences from the model.
+    """Finds what share of a program's runs succeed when the cell differs randomly from the model.
 
     Attributes:
         space: some of `PARAMETERS`.

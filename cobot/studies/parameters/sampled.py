@@ -149,7 +149,7 @@ class SampledStudy(Study):
         return int((np.nanargmax if self.goal == "max" else np.nanargmin)(finite))
 
     def _left_out(self, values: Column) -> dict[str, Any]:
-        """The number of tasks that the answer leaves out, because their value is NaN or infinite."""
+        """The number of tasks that the answer leaves out because their values are NaN or infinite."""
         count = int(np.count_nonzero(~np.isfinite(np.asarray(values, dtype=float))))
         return {f"tasks without a finite {self.measure}": count} if count else {}
 

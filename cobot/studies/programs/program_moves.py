@@ -64,7 +64,7 @@ class PlannedMove:
     """A planned motion of a program.
 
     Attributes:
-        place: place of the motion in the program, for errors.
+        place: location of the motion in the program, for errors.
         trajectory: the planned motion; None if the arm is already at the goal.
         goal: TCP pose at the end.
     """

@@ -39,7 +39,7 @@ class SequenceProgram(StrictModel):
     """The motions of a sequence file.
 
     Attributes:
-        moves: further keys of motions, by their places in the file: `home`, `waypoints[2]` or `steps[0]`.
+        moves: further keys of motions, by their locations in the file: `home`, `waypoints[2]` or `steps[0]`.
     """
 
     file: Location
@@ -123,7 +123,7 @@ def _parsed(text: str, name: str) -> dict[str, Any]:
 
 
 def _motions(place: str, steps: list[Any]) -> Iterator[tuple[str, Any]]:
-    """The steps with their places in the file. A step during which the arm does not move is None."""
+    """The steps with their locations in the file. A step during which the arm does not move is None."""
     for number, step in enumerate(steps):
         here = f"{place}[{number}]"
         keys = set(step) if isinstance(step, dict) else set()

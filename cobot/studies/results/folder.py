@@ -147,7 +147,7 @@ class ResultsFolder:
 
     def study(self) -> Study:
         """The study whose results are in this folder. It is needed to compute the answer. The files from
-        which the study was made need not exist any longer.
+        which the study was made are no longer needed.
         """
         return study_of(self.manifest()["document"], self.path, str(self.path / MANIFEST))
 
