@@ -206,7 +206,7 @@ class _Client:
                 f"channelId: there is no channel {channel}; valid values: 1 to {len(self._numbers)}"
             )
         if number in self._wanted:
-            raise InputError(f"id: subscription {number} exists already")
+            raise InputError(f"id: subscription {number} already exists")
         if len(self._wanted) >= (most := max(MAX_SUBSCRIPTIONS, len(self._numbers))):
             raise InputError(f"there are already {most} subscriptions, which is the maximum")
         self._wanted[number] = self._numbers[channel]

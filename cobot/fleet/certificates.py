@@ -283,7 +283,7 @@ def _create(path: Path, content: bytes) -> None:
         with os.fdopen(descriptor, "wb") as file:
             file.write(content)
     except FileExistsError as exc:
-        raise ConflictError(f"{path}: exists already; move it away") from exc
+        raise ConflictError(f"{path}: already exists; move it away") from exc
     except OSError as exc:
         raise ConfigError(f"{path}: cannot be written: {exc.strerror}") from exc
 

@@ -20,7 +20,7 @@ from cobot.launch.backup.support import make_bundle
 from cobot.launch.supervisor.kept_lock import locking_kept_files
 
 SUPPORT_TIMEOUT_S = 60.0
-EXISTS = "exists already; choose another name, or remove it first"
+EXISTS = "already exists; choose another name, or remove it first"
 log = logging.getLogger("cobot.backup")
 
 

@@ -36,7 +36,7 @@ class Modbus:
         if not 1 <= len(name) <= MAX_NAME:
             raise InputError(f"a name must have from 1 to {MAX_NAME} characters, got {shown(name)}")
         if name in self._signals:
-            raise ConflictError(f"the signal {shown(name)} exists already")
+            raise ConflictError(f"the signal {shown(name)} already exists")
         if not UNITS[0] <= unit <= UNITS[1]:
             raise InputError(f"slave_number must be from {UNITS[0]} to {UNITS[1]}, got {unit}")
         if not 0 <= address <= ADDRESS:

@@ -39,7 +39,7 @@ class Frames:
         if not 1 <= len(name) <= MAX_NAME:
             raise InputError(f"a name must have from 1 to {MAX_NAME} characters, got {shown(name)}")
         if name == WORLD or name in self._frames:
-            raise ConflictError(f"the frame {shown(name)} exists already", details={"cause": "name_taken"})
+            raise ConflictError(f"the frame {shown(name)} already exists", details={"cause": "name_taken"})
         if len(self._frames) >= MAX_FRAMES:
             raise LimitError(f"there are already {MAX_FRAMES} frames, which is the maximum")
         self._require(parent)

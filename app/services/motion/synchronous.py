@@ -66,7 +66,7 @@ class SyncService:
         if not 1 <= len(name) <= MAX_NAME:
             raise InputError(f"a name must have from 1 to {MAX_NAME} characters, got {shown(name)}")
         if name in self.groups:
-            raise ConflictError(f"the group {shown(name)} exists already")
+            raise ConflictError(f"the group {shown(name)} already exists")
         if len(self.groups) >= MAX_GROUPS:
             raise LimitError(f"there are already {MAX_GROUPS} groups, which is the maximum")
         self.groups[name] = self._named(robots)

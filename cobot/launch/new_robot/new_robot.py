@@ -111,7 +111,7 @@ class NewRobot:
         """
         try:
             if folder.exists():
-                raise ConfigError(f"{folder}: exists already; choose another --output, or remove it")
+                raise ConfigError(f"{folder}: already exists; choose another --output, or remove it")
             if not folder.parent.is_dir():
                 raise ConfigError(
                     f"{folder}: cannot be written: there is no folder {folder.parent}; make it, or choose "

@@ -177,7 +177,7 @@ def test_it_comes_at_the_rate_that_was_asked_for_and_no_more_after_unsubscribe(r
         ({"op": "subscribe", "subscriptions": [{"id": -1, "channelId": 1}]}, "id: a whole number"),
         (
             {"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 1}] * 2},
-            "subscription 1 exists already",
+            "subscription 1 already exists",
         ),
         ({"op": "unsubscribe", "subscriptionIds": ["x"]}, "subscriptionIds: a whole number"),
         ("no JSON", "is not valid JSON"),

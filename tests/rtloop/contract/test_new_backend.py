@@ -116,7 +116,7 @@ def test_nothing_is_written_over_and_no_folder_is_made_up(
     assert main(["new", "crane", "--dir", str(tmp_path)]) == 0
     assert "cobot backend test crane" in capsys.readouterr().out
     assert main(["new", "crane", "--dir", str(tmp_path)]) == 1
-    assert "exists already" in capsys.readouterr().err
+    assert "already exists" in capsys.readouterr().err
     assert main(["new", "crane", "--dir", str(tmp_path / "none")]) == 1
     assert "there is no folder" in capsys.readouterr().err
     assert [each.name for each in tmp_path.iterdir()] == ["cobot-backend-crane"]

@@ -83,8 +83,8 @@ def test_what_cannot_be_is_refused() -> None:
     frames.add("a", here)
     frames.add("b", here, "a")
     for change, error, sentence in (
-        (lambda: frames.add("a", here), ConflictError, "the frame 'a' exists already"),
-        (lambda: frames.add(WORLD, here), ConflictError, "the frame 'world' exists already"),
+        (lambda: frames.add("a", here), ConflictError, "the frame 'a' already exists"),
+        (lambda: frames.add(WORLD, here), ConflictError, "the frame 'world' already exists"),
         (lambda: frames.add("", here), InputError, "a name must have from 1 to 200 characters"),
         (lambda: frames.add("c", here, "z"), NotFoundError, "no frame 'z'; valid names: world, a, b"),
         (lambda: frames.remove("a"), ConflictError, "b are attached to 'a'; delete them first"),

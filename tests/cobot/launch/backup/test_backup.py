@@ -193,7 +193,7 @@ def test_the_commands_make_a_backup_and_restore_it(
     assert main(["backup", *command]) == 0
     assert archive.stat().st_mode & 0o777 == 0o600
     assert main(["backup", *command]) == 1
-    assert "exists already" in capsys.readouterr().err
+    assert "already exists" in capsys.readouterr().err
     fill(settings, 2.0)
     assert main(["restore", *command]) == 0
     assert "restored, as of" in capsys.readouterr().out

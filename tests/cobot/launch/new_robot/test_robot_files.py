@@ -373,7 +373,7 @@ def test_an_output_folder_that_cannot_be_made_is_named_with_the_reason(tmp_path:
     file, locked = tmp_path / "arm.urdf", tmp_path / "locked"
     file.write_text(urdf(ARMS["ur"]))
     locked.mkdir(mode=0o555)
-    with pytest.raises(ConfigError, match="exists already; choose another --output"):
+    with pytest.raises(ConfigError, match="already exists; choose another --output"):
         NewRobot(file).write(tmp_path)
     for folder, reason in (
         (tmp_path / "none" / "made", "there is no folder .*none; make it"),

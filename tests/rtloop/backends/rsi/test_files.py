@@ -163,7 +163,7 @@ def test_the_command_writes_them_once(tmp_path: Path, capsys: pytest.CaptureFixt
     assert str(folder / ETHERNET) in capsys.readouterr().out
     assert (folder / "Program/cobot_rsi.src").is_file()
     assert main(["files", "rsi", str(folder), "--config", str(config)]) == 1
-    assert "exists already" in capsys.readouterr().err
+    assert "already exists" in capsys.readouterr().err
     assert main(["files", "mujoco", str(folder)]) == 1
     assert "mujoco does not provide files for a robot controller" in capsys.readouterr().err
     assert main(["files", "rsi", str(tmp_path / "other")]) == 1
