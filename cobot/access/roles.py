@@ -72,7 +72,7 @@ def require(identity: Identity, role: Role) -> None:
         proxy = "through a proxy, " if identity.forwarded else ""
         raise AuthenticationError(
             f"{proxy}a valid token of the role {needed} is needed: Authorization: Bearer TOKEN; "
-            "`cobot token create` makes one"
+            "`cobot token create` creates one"
         )
     raise PermissionDenied(
         f"{identity.name} has the role {identity.role.name.lower()}, but this request needs the role {needed}"

@@ -175,7 +175,7 @@ class TokenFile:
             _require_admin(tokens, by)
             if any(each.name == name for each in tokens):
                 raise ConflictError(
-                    f"there is a token {name!r} already; revoke it first", details={"cause": "name_taken"}
+                    f"token {name!r} already exists; revoke it first", details={"cause": "name_taken"}
                 )
             if len(tokens) >= MAX_TOKENS:
                 raise ConflictError(

@@ -66,7 +66,7 @@ class SessionSettings:
             max_vel: maximum speed of force control along x, y and z, m/s.
         """
         if len(axes) != 6 or not all(isinstance(axis, bool | np.bool_) for axis in axes):
-            raise InputError(f"axes must be 6 times True or False, got {list(axes)}")
+            raise InputError(f"axes must be six True or False values, got {list(axes)}")
         self._request["force_velocity"][:3] = _positive(max_vel, 3, "max_vel")
         self._request["force_axes"] = axes
 

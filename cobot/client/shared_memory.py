@@ -63,7 +63,7 @@ class SharedMemoryTransport:
         state = self.state()
         if state["session"]:
             raise ConflictError(
-                f"the arm is in mode {LoopMode(int(state['mode'])).name}: another client streams already"
+                f"the arm is in mode {LoopMode(int(state['mode'])).name}: another client is already streaming"
             )
         number = self._writer.begin(request, int(state["stops_seen"]))
         try:

@@ -102,7 +102,7 @@ def _move(client: Client, chosen: argparse.Namespace) -> int:
         _print_answer(chosen, job, f"job {job['id']} is {job['state']}")
         return EXIT_OK
     if chosen.blend_radius:
-        raise InputError("--blend-radius: is for moves in the queue; use it with --queue")
+        raise InputError("--blend-radius: is only for moves in the queue; use it with --queue")
     with Bar(not chosen.json).showing("moving") as bar:
         answer = with_progress(client, partial(move, **where, **how), bar)
     ended = f"ended by its condition ({answer['stopped_by']})" if answer["stopped_by"] else "arrived"

@@ -140,7 +140,7 @@ class People:
         found = self.holder(authorization)
         if found is None:
             raise AuthenticationError(
-                "a valid token is needed: Authorization: Bearer TOKEN; `cobot token create --file` makes one"
+                "a valid token is needed: Authorization: Bearer TOKEN; `cobot token create --file` creates one"
             )
         return found
 
@@ -241,7 +241,7 @@ def _add_reading(app: FastAPI, hub: Hub, person: Any, *, has_panels: bool) -> No
     @app.get("/cells/{cell}/robots/{robot}/picture", dependencies=[person])
     def picture(cell: str, robot: str) -> Response:
         if not pictures.acquire(blocking=False):
-            raise BusyError(f"{MAX_PICTURES} pictures are being fetched; try again in some seconds")
+            raise BusyError(f"{MAX_PICTURES} pictures are being fetched; try again in a few seconds")
         try:
             content = hub.picture(cell, robot)
         finally:

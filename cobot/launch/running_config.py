@@ -88,7 +88,7 @@ class RunningConfig:
             self.folder.mkdir(mode=0o700)
         except OSError as exc:
             raise SharedMemoryError(
-                f"{self.folder}: cannot be made: {exc.strerror}; if another user owns the folder, "
+                f"{self.folder}: cannot be created: {exc.strerror}; if another user owns the folder, "
                 "remove it, or set another robot.name"
             ) from exc
         self.prepare(settings)

@@ -37,7 +37,7 @@ def actions_of(answer: Mapping[str, Any], dof: int, *, fingers: bool = False) ->
         raise ExecutionError(f"the policy's {ACTIONS} are not numbers: {plain_text(exc)}") from exc
     if actions.ndim != 2 or not len(actions) or actions.shape[1] < columns:
         raise ExecutionError(
-            f"the policy's {ACTIONS} are of shape {actions.shape}; a chunk for this arm is (k, {columns}), "
+            f"the policy's {ACTIONS} have shape {actions.shape}; a chunk for this arm is (k, {columns}), "
             "with k at least 1, and may have more columns"
         )
     actions = actions[:, :columns]

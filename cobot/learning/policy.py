@@ -107,8 +107,8 @@ class PolicyRunner:
         every_s: interval between requests, even if a chunk is longer; None means that a request is sent
             shortly before a chunk ends.
         fingers: fingers that follow the column after the joints, a width in m, at the times of the actions;
-            None means that this column is ignored. `ServedFingers.of(robot.gripper)` returns the fingers of the
-            robot.
+            None means that this column is ignored. `ServedFingers.of(robot.gripper)` returns the fingers of
+            the robot.
         clock: clock for waiting.
     """
 

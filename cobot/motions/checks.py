@@ -96,7 +96,7 @@ def _require_one(traits: PlannerTraits, request: MotionRequest, given: list[str]
         raise InputError(traits.missing)
     if len(needed) > 1:
         names = ", ".join(BODY_FIELDS[field][0] for field in needed)
-        raise InputError(f"{names}: one of them defines the path of planner {request.planner}, not both")
+        raise InputError(f"{names}: give only one of them; it defines the path of planner {request.planner}")
 
 
 def _check_arc(arc: Arc) -> None:
@@ -125,5 +125,5 @@ def _check_free_axes(free: Sequence[str]) -> None:
     if len(free) == len(FREE_AXES) - 1:
         raise InputError(
             f"free_axes: {' and '.join(free)} together already allow every orientation; "
-            f"give one of {valid}, or all three if only the position counts"
+            f"give one of {valid}, or all three if only the position matters"
         )

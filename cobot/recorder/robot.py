@@ -236,7 +236,7 @@ class RobotRecorder:
 
     def _start(self) -> str:
         if self._status["recording"]:
-            raise ConflictError(f"{self.robot} is being recorded already, since {text(self._status['name'])}")
+            raise ConflictError(f"{self.robot} is already being recorded, since {text(self._status['name'])}")
         run = run_name(self.robot, time.time_ns(), "continuous")
         writing = self._begin(run, "continuous", self._history.newest + 1, None, 1)
         self._status["recording"], self._status["name"] = 1, run.encode()

@@ -207,9 +207,9 @@ def scene_in(text: bytes, *, by_voxels: bool = True) -> Scene:
 def _require_whole(each: SceneObject, by_voxels: bool) -> None:
     """Check a point cloud in a file, because planners use its voxels and streams use its boxes."""
     if each.cells and not each.boxes:
-        raise InputError("boxes: are missing; put the point cloud again")
+        raise InputError("boxes: are missing; add the point cloud again")
     if by_voxels and each.tree and not each.tree.is_within(np.array(each.boxes)):
-        raise InputError("boxes: do not contain all voxels of the point cloud; put the point cloud again")
+        raise InputError("boxes: do not contain all voxels of the point cloud; add the point cloud again")
 
 
 def symmetric(six: Numbers6) -> Array:

@@ -113,7 +113,7 @@ def _require_same(wanted: dict[str, str], own: dict[str, str]) -> None:
             import socket
 
             raise ForeignWorkerError(
-                f"the worker on {socket.gethostname()} has another {name}: {value[:16]}, but the study needs "
+                f"the worker on {socket.gethostname()} has a different {name}: {value[:16]}, but the study needs "
                 f"{wanted.get(name, 'none')[:16]}; install the same version there, or use other workers"
             )
 

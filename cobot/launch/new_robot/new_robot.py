@@ -114,7 +114,7 @@ class NewRobot:
                 raise ConfigError(f"{folder}: already exists; choose another --output, or remove it")
             if not folder.parent.is_dir():
                 raise ConfigError(
-                    f"{folder}: cannot be written: there is no folder {folder.parent}; make it, or choose "
+                    f"{folder}: cannot be written: there is no folder {folder.parent}; create it, or choose "
                     "another --output"
                 )
             with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".new-robot-") as made:

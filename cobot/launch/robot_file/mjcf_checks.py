@@ -75,7 +75,7 @@ class _Counter:
             if element.tag in SOFT:
                 raise ConfigError(
                     f"{where(file, element)}: <{element.tag}> makes a soft body; cobot checks collisions of "
-                    "rigid bodies only: remove it, or describe it by geoms"
+                    "rigid bodies only: remove it, or describe it with geoms"
                 )
             if element.tag in MULTIPLYING:
                 times *= _product(file, element, "count")

@@ -136,7 +136,7 @@ def _check_mesh(file: Path, mesh: Element, of: str) -> None:
     if not mesh.get("filename"):
         raise ConfigError(f"{where(file, mesh)}: {of}: its <mesh> has no filename")
     if 0.0 in numbers(file, mesh, "scale", of, 3, (1.0, 1.0, 1.0)):
-        raise ConfigError(f"{where(file, mesh)}: {of}: scale of <mesh> contains a 0; it must not")
+        raise ConfigError(f"{where(file, mesh)}: {of}: scale of <mesh> must not contain 0")
 
 
 def _check_joint(file: Path, joint: Element, joints: dict[str, Element]) -> None:

@@ -108,5 +108,5 @@ def _read(text: str, voxel_m: float) -> CloudTree:
         if len(cells) and np.array_equal(cells, in_order(cells)):
             return CloudTree(cells, voxel_m)
     except (binascii.Error, zlib.error, ValueError) as exc:
-        raise InputError(f"cells: are damaged: {exc}; put the point cloud again") from exc
-    raise InputError("cells: are damaged, because they are not in order; put the point cloud again")
+        raise InputError(f"cells: are damaged: {exc}; add the point cloud again") from exc
+    raise InputError("cells: are damaged, because they are not in order; add the point cloud again")

@@ -85,7 +85,7 @@ def _weld(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
         raise InputError("vertices: a coordinate is not a finite number")
     size_m = float(np.ptp(vertices[triangles.ravel()], axis=0).max())
     if not size_m > 0.0:
-        raise InputError("vertices: they are all at the same place")
+        raise InputError("vertices: they are all at the same point")
     _, first, places = np.unique(
         np.round(vertices / (1e-7 * size_m)), axis=0, return_index=True, return_inverse=True
     )

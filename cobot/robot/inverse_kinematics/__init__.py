@@ -243,7 +243,7 @@ def continued(model: RobotModel, pose: Pose, joints: Array) -> Array:
         descent = solve_near(model, between, joints, STEPS_ALONG)
         if not descent.solved:
             raise UnreachableError(
-                f"the pose is out of reach from the current position: the TCP comes as near as "
+                f"the pose is out of reach from the current position: the TCP gets as near as "
                 f"{apart(descent.distance_m, descent.angle_rad)}"
             )
         step = float(np.abs(descent.joints - joints).max())

@@ -190,7 +190,7 @@ def _missing_joint(model: RobotModel, pose: Pose, near: Array, free: tuple[FreeA
     if len(axes) > 1:
         return Cause(
             f"this arm cannot turn its tool into this orientation there: {few}; with free_axes [{named}] "
-            "only the position counts"
+            "only the position matters"
         )
     axis = axes[0].removeprefix("r")
     return Cause(
@@ -212,7 +212,7 @@ def out_of_reach(
         *([] if cause.finding is None else [cause.finding]),
         *missing(model, nearest.distance_m, nearest.angle_rad, "goal", 1.0),
     ]
-    near = f"comes as near as {apart(nearest.distance_m, nearest.angle_rad)}{allowed(model)}"
+    near = f"gets as near as {apart(nearest.distance_m, nearest.angle_rad)}{allowed(model)}"
     is_far = cause.finding is not None and cause.finding.check == "reach"
     why = f"{cause.says}, and {near}" if is_far else f"{cause.says}; within the joints' limits it {near}"
     return UnreachableError(

@@ -94,7 +94,7 @@ def _distribution(optuna: Any, name: str, axis: Axis) -> Any:
         return optuna.distributions.FloatDistribution(*axis.uniform)
     if axis.normal is not None:
         raise InputError(
-            f"space.{name}: is of the kind normal; a search needs uniform [low, high], values, or low, "
+            f"space.{name}: is of kind normal; a search needs uniform [low, high], values, or low, "
             "high, count"
         )
     if axis.values is None and axis.low is not None and axis.high is not None and (axis.count or 0) > 1:

@@ -55,7 +55,7 @@ def test_only_the_hash_of_a_token_is_kept_and_nobody_else_may_read_it(file: Toke
 def test_no_two_tokens_are_alike_and_no_two_have_one_name(file: TokenFile) -> None:
     tokens = {file.create(f"n{number}", Role.OBSERVER) for number in range(20)}
     assert len(tokens) == 20
-    with pytest.raises(ConflictError, match="there is a token 'n3' already"):
+    with pytest.raises(ConflictError, match="token 'n3' already exists"):
         file.create("n3", Role.ADMIN)
 
 
@@ -289,7 +289,7 @@ def test_the_command_makes_lists_and_revokes(tmp_path: Path, capsys: pytest.Capt
     assert token not in said
     status, _, complaint = run("create", "alice", "--role", "admin")
     assert status == 1
-    assert "there is a token 'alice' already" in complaint
+    assert "token 'alice' already exists" in complaint
     assert run("revoke", "alice")[0] == 0
     assert run("revoke", "alice")[0] == 1
     assert run("list")[1] == ""

@@ -261,7 +261,7 @@ def test_a_wrong_primitive_says_what_is_right(
         ("SetCartesianImpedance", ([100.0] * 6, [math.nan] * 6), "Z_x must be finite"),
         ("SetMaxContactWrench", ([-1.0] * 6,), "wrench must be above 0"),
         ("SetMaxContactTorque", ([1.0] * 6,), "torques must have 7 numbers"),
-        ("SetForceControlAxis", ([1, 0, 0, 0, 0, 0],), "6 times True or False"),
+        ("SetForceControlAxis", ([1, 0, 0, 0, 0, 0],), "six True or False values"),
         ("SetForceControlAxis", ([True] * 6, [0.0] * 3), "max_vel must be above 0"),
         ("SetForceControlFrame", (CoordType.TCP, [0.0] * 7), "quaternion of T must have length 1"),
         ("SetNullSpacePosture", ([9.0] * 7,), "ref_pos must be from"),

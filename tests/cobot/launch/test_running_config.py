@@ -124,7 +124,7 @@ def test_a_folder_that_somebody_else_has_put_there_is_refused(tmp_path: Path, ru
     theirs = tmp_path / "theirs"
     theirs.mkdir()
     running.folder.symlink_to(theirs)
-    with pytest.raises(SharedMemoryError, match=r"cannot be made: File exists; .* another robot\.name"):
+    with pytest.raises(SharedMemoryError, match=r"cannot be created: File exists; .* another robot\.name"):
         running.create(load_settings(settings_file(tmp_path, ONE)))
     assert list(theirs.iterdir()) == []
 

@@ -166,7 +166,7 @@ def test_a_folder_in_the_way_of_the_running_configuration_is_named(
         said = started(tmp_path, name, f"{SMALL}web: {{port: 0}}\n", capsys)
     finally:
         way.unlink()
-    assert said.startswith(f"{way}: cannot be made: File exists")
+    assert said.startswith(f"{way}: cannot be created: File exists")
     assert said.endswith("another robot.name")
 
 

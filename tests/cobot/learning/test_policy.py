@@ -253,7 +253,7 @@ def test_a_stop_ends_the_run(
         ({}, "has no 'actions'; it has nothing"),
         ({"action": 1}, "has no 'actions'; it has action"),
         ({"actions": "left"}, "are not numbers"),
-        ({"actions": [[0.0] * 6]}, r"are of shape \(1, 6\); a chunk for this arm is \(k, 7\)"),
+        ({"actions": [[0.0] * 6]}, r"have shape \(1, 6\); a chunk for this arm is \(k, 7\)"),
         ({"actions": np.zeros((0, 7))}, "with k at least 1"),
         ({"actions": [[0.0] * 7, [0.0] * 6 + [float("nan")]]}, "action 1 is not a finite number for joint 7"),
     ],

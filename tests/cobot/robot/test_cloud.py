@@ -192,7 +192,7 @@ def test_text_gives_the_voxels_back_and_damage_is_named() -> None:
     assert np.array_equal(np.unique(tree_of(text, 0.05).cells, axis=0), expected)
     assert np.array_equal(_read(text, 0.05).cells, tree_of(text, 0.05).cells), "also from the text alone"
     for wrong in ("", "no base64", text[:-8], text[:-8] + "AAAAAAAA"):
-        with pytest.raises(InputError, match=r"cells: are damaged: .*put the point cloud again"):
+        with pytest.raises(InputError, match=r"cells: are damaged: .*add the point cloud again"):
             tree_of(wrong, 0.05)
 
 

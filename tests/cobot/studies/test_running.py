@@ -210,7 +210,7 @@ def test_a_worker_with_another_version_or_file_refuses_by_name(name: str, tmp_pa
     study = reach_study() if " of the robot" in name or name == "scene" else function_study(tmp_path)
     order = Order.of(study)
     foreign = Order(order.document, order.folder, order.contents | {name: "other"}, "another key")
-    with pytest.raises(ForeignWorkerError, match=f"has another {name}: "):
+    with pytest.raises(ForeignWorkerError, match=f"has a different {name}: "):
         fill(foreign, 0, 1)
 
 

@@ -95,7 +95,7 @@ def test_a_name_that_ends_with_arm_says_it_once(tmp_path: Path, name: str, kind:
         ("Sky Crane", "is not a valid name for a backend"),
         ("../crane", "is not a valid name for a backend"),
         ("", "is not a valid name for a backend"),
-        ("a" * 41, "up to 40 small letters"),
+        ("a" * 41, "up to 40 lowercase letters"),
         ("crane__two", "single underscores"),
         ("class", "is reserved by Python"),
         ("math", "is reserved by Python"),

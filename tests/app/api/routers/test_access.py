@@ -171,7 +171,7 @@ def test_the_last_administrator_and_the_own_token_stay(
 def test_no_name_is_given_to_a_second_token_so_that_none_is_demoted(guarded: Guarded) -> None:
     answer = guarded.create("root", "observer")
     assert (answer.status_code, answer.json()["code"]) == (409, "conflict")
-    assert "there is a token 'root' already" in answer.json()["detail"]
+    assert "token 'root' already exists" in answer.json()["detail"]
     assert guarded.opens(guarded.admin)
 
 

@@ -172,7 +172,7 @@ def test_an_open_mesh_is_its_surface():
         (CUBE, [[0, 1, 8]], "there is no vertex 8; valid values: 0 to 7"),
         (CUBE, np.zeros((0, 3), int), "the mesh has no triangles"),
         (CUBE, [[0, 0, 1]], "all have the area 0"),
-        (CUBE * 0.0, [[0, 1, 2]], "all at the same place"),
+        (CUBE * 0.0, [[0, 1, 2]], "all at the same point"),
         (CUBE, [[0, 1, 2]] * 20_001, "at most 20000 are allowed, got 20001"),
     ],
 )

@@ -205,7 +205,7 @@ def test_what_is_far_away_is_out_of_reach_by_a_length_whatever_the_arm(tmp_path:
         arm = arm_of(name, tmp_path, random)
         pose = arm.pose(arm.drawn(random, 1)[0])
         far = type(pose)(pose.position + np.array([0.0, 12.0, 0.0]), pose.quaternion)
-        with pytest.raises(UnreachableError, match=r"out of reach by [\d.]+ m, and comes as near as"):
+        with pytest.raises(UnreachableError, match=r"out of reach by [\d.]+ m, and gets as near as"):
             inverse(arm.model, far, arm.drawn(random, 1)[0])
 
 

@@ -120,7 +120,7 @@ def test_a_bad_search_names_the_key(more: dict[str, Any], message: str, tmp_path
 
 def test_a_distribution_is_no_range(tmp_path: Path, optuna: Any) -> None:
     study = bowl(tmp_path, space={"a": {"normal": [0, 1]}, "b": {"values": [1]}})
-    with pytest.raises(CobotError, match=r"space.a: is of the kind normal; a search needs uniform"):
+    with pytest.raises(CobotError, match=r"space.a: is of kind normal; a search needs uniform"):
         run_study(study, tmp_path / "out", executor=ThreadPoolExecutor(1))
 
 
