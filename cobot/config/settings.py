@@ -76,7 +76,7 @@ class Settings(Section):
 
     @property
     def programs_folder(self) -> Path:
-        """Folder of the programs that people have stored, written by the service."""
+        """Folder of the programs that users have stored, written by the service."""
         return (self.kept or self.logs) / f"{self.robot.name}.programs"
 
     @property

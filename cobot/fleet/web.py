@@ -140,7 +140,8 @@ class People:
         found = self.holder(authorization)
         if found is None:
             raise AuthenticationError(
-                "a valid token is needed: Authorization: Bearer TOKEN; `cobot token create --file` creates one"
+                "a valid token is needed: Authorization: Bearer TOKEN; `cobot token create --file` "
+                "creates one"
             )
         return found
 

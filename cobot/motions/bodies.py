@@ -160,7 +160,8 @@ FreeAxes = Annotated[
     Field(
         max_length=3,
         description="Rotations of the tool that the pose does not fix, about its own axes: one of rx, ry and "
-        "rz, or all three if only the position matters. An arm with five joints points its tool down with rz.",
+        "rz, or all three if only the position matters. An arm with five joints points its tool down with "
+        "rz.",
     ),
 ]
 

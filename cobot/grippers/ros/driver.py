@@ -86,7 +86,7 @@ class RosOptions(GripperOptions):
 
 
 def link_settings(options: RosOptions, ros: RosSection) -> dict[str, Any]:
-    """The settings for starting the process for `ActionProcess`."""
+    """The settings with which `ActionProcess` starts its process."""
     network = ros.model_dump(mode="json", include={"domain_id", "interfaces", "localhost_only", "peers"})
     return {
         **network,

@@ -326,7 +326,7 @@ class _Problem:
 
 @lru_cache(maxsize=32)
 def _checked_places(cells: int) -> tuple[Integers, Integers, Integers]:
-    """The checked points are the beginnings and the middles of all cells, and the end.
+    """The points at which a time law is checked: the beginnings and the middles of all cells, and the end.
 
     Returns:
         The indices of the knots among these points; the indices at which the jerk is limited; and the cells

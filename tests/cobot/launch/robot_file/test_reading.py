@@ -121,7 +121,7 @@ WRONG = {
     "shape": ('<sphere radius="0.03"/>', "<cone/>", "<cone> is not a shape of URDF; valid shapes: mesh, box"),
     "no shape": ('<sphere radius="0.03"/>', "", "its <collision> has no shape"),
     "origin": ('origin xyz="0 0 0.05"', 'origin xyz="0 0 2e3"', "xyz of <origin> is '0 0 2e3'; up to 1000 m"),
-    "scale": ('<sphere radius="0.03"/>', '<mesh filename="a" scale="1 0 1"/>', "of <mesh> must not contain 0"),
+    "scale": ('<sphere radius="0.03"/>', '<mesh filename="a" scale="1 0 1"/>', "<mesh> must not contain 0"),
     "inertia": (' iyz="0"', "", "iyz of <inertia> is missing; give a decimal number"),
     "compiler": (
         '<link name="base_link"/>',
