@@ -163,7 +163,9 @@ cdef class Clearance:
                 raise ValueError(f"geom {geom} is a cloud: the next geom must be its cube")
             part.cube = solid_of(self._model, geom + 1)
             if part.joint >= 0 or part.cube.kind != BOX or part.cube.size[0] != 0.5 * cloud.voxel_m:
-                raise ValueError(f"geom {geom} is a cloud: it must be fixed, and the next geom must be its cube")
+                raise ValueError(
+                    f"geom {geom} is a cloud: it must be fixed, and the next geom must be its cube"
+                )
         part.is_turned = part.solid.kind != SEGMENT
         local = turn @ matrix_of(mj.geom_quat[geom])
         offset = offset + turn @ mj.geom_pos[geom]

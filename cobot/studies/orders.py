@@ -114,7 +114,8 @@ def _require_same(wanted: dict[str, str], own: dict[str, str]) -> None:
 
             raise ForeignWorkerError(
                 f"the worker on {socket.gethostname()} has a different {name}: {value[:16]}, but the "
-                f"study needs {wanted.get(name, 'none')[:16]}; install the same version there, or use other workers"
+                f"study needs {wanted.get(name, 'none')[:16]}; install the same version there, or use other "
+                "workers"
             )
 
 

@@ -59,7 +59,8 @@ deviates a little from the path.
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 JointsAt = Callable[[float, Array], Array | None]
-"""Function that returns joint angles at the given share of the path, close to the given joint angles, or None."""
+"""Function that returns joint angles at the given share of the path, close to the given
+joint angles, or None."""
 
 
 def through(

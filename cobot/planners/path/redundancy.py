@@ -40,7 +40,7 @@ the graph. The weights are tried in this order.
 PULLS, EDGE, HELD = 8, 0.15, 1e9
 """Three values for smoothing: the number of rounds in which points outside the corridor are moved back into
 it; how far inside they are moved, as a share of the distance from the edge to the path through the graph; and
-the weight that keeps the start.
+the weight that keeps the start in place.
 """
 DEGREE = 5
 MARGIN_RAD = 1e-4

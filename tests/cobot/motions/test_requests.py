@@ -78,7 +78,7 @@ def test_a_planner_without_the_field_that_it_needs_says_what_is_missing(planner:
 
 def test_fields_that_exclude_each_other_are_rejected_together() -> None:
     for change, message in (
-        ({"via": GIVEN["via"], "arc": GIVEN["arc"]}, "^via, centre: one of them"),
+        ({"via": GIVEN["via"], "arc": GIVEN["arc"]}, "^via, centre: give only one of them"),
         ({"cyclic": True, "end_joints": np.zeros(7)}, "^cyclic, end_joints: give one of them"),
     ):
         with pytest.raises(InputError, match=message):
