@@ -29,6 +29,7 @@ class Held:
 
     Attributes:
         low, high: joint limits, or narrower ranges, shape (dof,), rad.
+        projection: the same constraints for a search.
     """
 
     def __init__(self, robot: RobotDescription, constraints: Constraints, start: Array) -> None:
@@ -44,7 +45,7 @@ class Held:
             turn = self._model.chain.solve(start)[1]
             self._direction = turn @ cone.axis if cone.direction is None else cone.direction
         box = constraints.box
-        self._projection = Projection(
+        self.projection = Projection(
             robot.model.chain,
             self.low,
             self.high,
@@ -56,7 +57,7 @@ class Held:
 
     def keeps(self, joints: Array) -> bool:
         """Whether a configuration keeps all constraints."""
-        return self._projection.keeps(joints)
+        return self.projection.keeps(joints)
 
     def excess(self, rows: Array) -> Array:
         """How far each row violates each constraint, shape (n, k), rad or m; negative if the row keeps it."""
@@ -117,7 +118,7 @@ class Held:
 
     def project(self, joints: Array) -> Array | None:
         """Project a configuration onto the constraints, see `Projection.project`."""
-        return self._projection.project(joints)
+        return self.projection.project(joints)
 
     def _angles(self, cone: Cone, poses: Array) -> Array:
         """The angle between the tool's axis and its direction, shape (n,), rad."""

@@ -1,6 +1,7 @@
-"""Configurations that keep path constraints of the TCP."""
+"""Configurations that keep path constraints of the TCP, and steps between them."""
 
 from cobot.robot.chain import Chain
+from cobot.robot.clearance import Clearance
 from cobot.types import Array
 
 class Projection:
@@ -32,4 +33,21 @@ class Projection:
         configuration is found.
 
         Newton's method on the violated constraints, with the smallest joint motion.
+        """
+
+    def is_step(self, clearance: Clearance, begin: Array, end: Array, step_rad: float) -> bool:
+        """Whether the straight joint motion between two configurations is free of collisions, keeps the
+        constraints in its middle, and is at most three times as long as `step_rad`.
+        """
+
+    def steps_toward(
+        self, clearance: Clearance, begin: Array, target: Array, step_rad: float
+    ) -> tuple[list[Array], bool]:
+        """Take steps from one configuration towards a target, as far as possible.
+
+        Each step of `step_rad` is projected onto the constraints. The last step is the one before a step
+        that fails, that is rejected by `is_step`, or that hardly brings the arm nearer to the target.
+
+        Returns:
+            The configurations after `begin`, and whether the last one is the target.
         """

@@ -1,15 +1,16 @@
-"""Configurations that keep path constraints of the TCP, see projection.pyi.
+"""Configurations that keep path constraints of the TCP, and steps between them, see projection.pyi.
 
-A search projects ten thousands of configurations, so nothing here allocates but the result.
+A search projects ten thousands of configurations, so nothing here allocates but the results.
 """
 
 from libc.math cimport atan2, fabs, fmax, fmin, sqrt
-from libc.string cimport memset
+from libc.string cimport memcpy, memset
 
 import numpy as np
 
 from cobot.arrays cimport MAX_DOF, doubles
 from cobot.robot.chain cimport Chain
+from cobot.robot.clearance cimport Clearance
 from cobot.robot.linear cimport cholesky_solve
 
 cdef enum:
@@ -18,6 +19,8 @@ cdef enum:
 
 cdef double MAX_STEP_RAD = 0.3
 cdef double DAMPING = 1e-6
+cdef double PROGRESS = 0.2   # share of a step by which it must bring the arm nearer to its target
+cdef double SIDESTEP = 3.0   # factor by which a projected step may be longer than the requested one
 cdef double STRAIGHT = 1e-9  # sine of an angle from which two axes do not define a third one
 
 
@@ -53,30 +56,82 @@ cdef class Projection:
 
     def keeps(self, joints):
         cdef double given[MAX_DOF]
-        cdef double rows[MAX_ROWS * MAX_DOF]
-        cdef double missing[MAX_ROWS]
-        cdef int i
-        for i in range(self._chain.dof):
-            given[i] = joints[i]
-            if not self._low[i] <= given[i] <= self._high[i]:
-                return False
-        return self._violations(given, 0.0, rows, missing) == 0
+        self._take(joints, given)
+        return self._keeps(given)
 
     def project(self, joints):
         cdef double here[MAX_DOF]
-        cdef int i
-        cdef bint found
-        for i in range(self._chain.dof):
-            here[i] = joints[i]
-        with nogil:
-            found = self._project(here)
-        if not found:
-            return None
+        self._take(joints, here)
+        return self._array(here) if self._project(here) else None
+
+    def is_step(self, Clearance clearance, begin, end, double step_rad):
+        cdef double ends[2][MAX_DOF]
+        self._take(begin, ends[0])
+        self._take(end, ends[1])
+        clearance.enclose()
+        return self._is_step(clearance, ends[0], ends[1], step_rad)
+
+    def steps_toward(self, Clearance clearance, begin, target, double step_rad):
+        cdef double here[MAX_DOF]
+        cdef double there[MAX_DOF]
+        cdef double place[MAX_DOF]
+        cdef double left_rad
+        cdef int dof = self._chain.dof
+        cdef int joint
+        self._take(begin, here)
+        self._take(target, there)
+        clearance.enclose()
+        places = []
+        while True:
+            left_rad = _apart(here, there, dof)
+            if left_rad == 0.0:
+                return places, True
+            if left_rad <= step_rad:
+                if not (self._keeps(there) and self._is_step(clearance, here, there, step_rad)):
+                    return places, False
+                places.append(self._array(there))
+                return places, True
+            for joint in range(dof):
+                place[joint] = here[joint] + (there[joint] - here[joint]) * (step_rad / left_rad)
+            if (
+                not self._project(place)
+                or _apart(place, there, dof) > left_rad - PROGRESS * step_rad
+                or not self._is_step(clearance, here, place, step_rad)
+            ):
+                return places, False
+            places.append(self._array(place))
+            memcpy(here, place, dof * sizeof(double))
+
+    cdef int _take(self, object joints, double* out) except -1:
+        cdef int joint
+        for joint in range(self._chain.dof):
+            out[joint] = joints[joint]
+        return 0
+
+    cdef object _array(self, const double* joints):
         out = np.empty(self._chain.dof)
-        cdef double* values = doubles(out, self._chain.dof)
-        for i in range(self._chain.dof):
-            values[i] = here[i]
+        memcpy(doubles(out, self._chain.dof), joints, self._chain.dof * sizeof(double))
         return out
+
+    cdef bint _keeps(self, const double* joints) noexcept nogil:
+        cdef double rows[MAX_ROWS * MAX_DOF]
+        cdef double missing[MAX_ROWS]
+        cdef int joint
+        for joint in range(self._chain.dof):
+            if not self._low[joint] <= joints[joint] <= self._high[joint]:
+                return False
+        return self._violations(joints, 0.0, rows, missing) == 0
+
+    cdef bint _is_step(
+        self, Clearance clearance, const double* begin, const double* end, double step_rad
+    ) noexcept nogil:
+        cdef double middle[MAX_DOF]
+        cdef int joint
+        if _apart(begin, end, self._chain.dof) > SIDESTEP * step_rad:
+            return False
+        for joint in range(self._chain.dof):
+            middle[joint] = 0.5 * (begin[joint] + end[joint])
+        return self._keeps(middle) and clearance.c_is_edge_free(begin, end)
 
     cdef bint _project(self, double* here) noexcept nogil:
         cdef double rows[MAX_ROWS * MAX_DOF]
@@ -181,3 +236,11 @@ cdef void _across(const double* axis, double* out) noexcept nogil:
         length += out[i] * out[i]
     for i in range(3):
         out[i] /= sqrt(length)
+
+
+cdef double _apart(const double* one, const double* other, int dof) noexcept nogil:
+    cdef double square = 0.0
+    cdef int joint
+    for joint in range(dof):
+        square += (one[joint] - other[joint]) * (one[joint] - other[joint])
+    return sqrt(square)

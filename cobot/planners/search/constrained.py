@@ -10,7 +10,6 @@ its nodes. Finally the path is smoothed: each node moves to the middle between i
 from __future__ import annotations
 
 import itertools
-import math
 import time
 
 import numpy as np
@@ -26,10 +25,6 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName
 
 STEP_RAD = 0.15
-PROGRESS = 0.2
-"""A step must bring the arm nearer to its target by at least this share of the step."""
-SIDESTEP = 3.0
-"""A projected step may be longer than the requested one by at most this factor."""
 NEARBY, NEARBY_RAD = 0.5, 0.25
 """Share of the targets that are near a node of the tree, and the standard deviation of these targets. All
 other targets may be anywhere.
@@ -196,33 +191,10 @@ class _Steps:
         return rows
 
     def _toward(self, here: Array, target: Array) -> tuple[list[Array], bool]:
-        """Steps from one configuration towards a target, as far as they are possible, and whether the last
-        step reaches it.
-        """
-        places: list[Array] = []
-        while True:
-            way = target - here
-            left = _norm(way)
-            if left <= STEP_RAD:
-                arrived = left == 0.0 or (self._held.keeps(target) and self._is_step(here, target))
-                return ([*places, target] if arrived and left > 0.0 else places), arrived
-            place = self._held.project(here + way * (STEP_RAD / left))
-            if place is None or _norm(target - place) > left - PROGRESS * STEP_RAD:
-                return places, False
-            if not self._is_step(here, place):
-                return places, False
-            places.append(place)
-            here = place
+        return self._held.projection.steps_toward(self._clearance, here, target, STEP_RAD)
 
     def _is_step(self, begin: Array, end: Array) -> bool:
-        if _norm(end - begin) > SIDESTEP * STEP_RAD or not self._held.keeps(0.5 * (begin + end)):
-            return False
-        return self._clearance.is_edge_free(begin, end)
-
-
-def _norm(row: Array) -> float:
-    """The same as `numpy.linalg.norm`, which takes four times as long for a short row."""
-    return math.sqrt(row.dot(row))
+        return self._held.projection.is_step(self._clearance, begin, end, STEP_RAD)
 
 
 def _length(way: list[Array]) -> float:

@@ -242,6 +242,46 @@ def test_a_tool_that_points_the_opposite_way_is_turned_into_its_cone(robot: Robo
     assert not held.keeps(robot.limits.max_position + 0.1)
 
 
+def test_steps_towards_a_target_follow_their_law(robot: RobotDescription) -> None:
+    """Oracle: the law in Python, with the single projections and the single edges."""
+    random, limits, step_rad = np.random.default_rng(7), robot.limits, 0.15
+    start = np.array(robot.positions["work"].joints)
+    clearance = robot.collision.clearance
+    held = Held(robot, Constraints(Cone(Z, 0.2)), start)
+
+    def is_step(begin: Array, end: Array) -> bool:
+        short, middle = np.linalg.norm(end - begin) <= 3.0 * step_rad, 0.5 * (begin + end)
+        return bool(short) and held.keeps(middle) and clearance.is_edge_free(begin, end)
+
+    def law(here: Array, target: Array) -> tuple[list[Array], bool]:
+        places: list[Array] = []
+        while (left := np.linalg.norm(target - here)) > step_rad:
+            place = held.project(here + (target - here) * (step_rad / left))
+            if place is None or np.linalg.norm(target - place) > left - 0.2 * step_rad:
+                return places, False
+            if not is_step(here, place):
+                return places, False
+            here = place
+            places.append(here)
+        arrives = held.keeps(target) and is_step(here, target)
+        return ([*places, target] if arrives else places), arrives
+
+    lengths, arrivals = set(), []
+    for number in range(200):
+        target = random.uniform(limits.min_position, limits.max_position)
+        near = held.project(start + 0.3 * random.normal(size=limits.dof)) if number % 2 else None
+        target = target if near is None else near
+        places, arrived = held.projection.steps_toward(clearance, start, target, step_rad)
+        expected, arrives = law(start, target)
+        assert arrived == arrives
+        np.testing.assert_allclose(np.array(places), np.array(expected), rtol=0.0, atol=1e-9)
+        lengths.add(len(places))
+        arrivals.append(arrived)
+    assert len(lengths) > 4
+    assert 10 < sum(arrivals) < 190
+    assert held.projection.steps_toward(clearance, start, start, step_rad) == ([], True)
+
+
 def test_a_found_path_is_not_shortened_or_evened_out_after_the_time_of_the_request(
     robot: RobotDescription,
 ) -> None:
