@@ -145,7 +145,8 @@ def peaks(coefficients, double duration_s, int places):
 def pieces_at(breakpoints, coefficients, places):
     """The values and three derivatives, (4, m, n), of piecewise quintics, (pieces, n, 6), at places, (m,)."""
     cdef int pieces = len(coefficients), n = np.shape(coefficients)[1], m = len(places)
-    cdef int place, piece, i, order, k, low, high
+    cdef int each = m * n
+    cdef int place, piece, i, low, high
     starts = np.array(breakpoints, dtype=np.float64)
     factors = np.array(coefficients, dtype=np.float64, order="C")
     wanted = np.array(places, dtype=np.float64)
@@ -157,7 +158,8 @@ def pieces_at(breakpoints, coefficients, places):
     cdef double* at = doubles(wanted, m)
     cdef double* values = doubles(out, DERIVATIVES * m * n)
     cdef const double* c
-    cdef double since, sum
+    cdef double* value
+    cdef double t  # since the beginning of the piece
     with nogil:
         for place in range(m):
             low, high = 0, pieces
@@ -167,14 +169,14 @@ def pieces_at(breakpoints, coefficients, places):
                     low = piece
                 else:
                     high = piece
-            since = at[place] - begin[low]
+            t = at[place] - begin[low]
             for i in range(n):
                 c = &row[(low * n + i) * ORDER]
-                for order in range(DERIVATIVES):
-                    sum = 0.0
-                    for k in range(ORDER - 1, order - 1, -1):
-                        sum = sum * since + FACTOR[order][k] * c[k]
-                    values[(order * m + place) * n + i] = sum
+                value = &values[place * n + i]
+                value[0] = ((((c[5] * t + c[4]) * t + c[3]) * t + c[2]) * t + c[1]) * t + c[0]
+                value[each] = (((5.0 * c[5] * t + 4.0 * c[4]) * t + 3.0 * c[3]) * t + 2.0 * c[2]) * t + c[1]
+                value[2 * each] = ((20.0 * c[5] * t + 12.0 * c[4]) * t + 6.0 * c[3]) * t + 2.0 * c[2]
+                value[3 * each] = (60.0 * c[5] * t + 24.0 * c[4]) * t + 6.0 * c[3]
     return out
 
 
@@ -270,17 +272,18 @@ def hermite(times, positions, velocities, accelerations):
             square = duration * duration
             for i in range(n):
                 at = piece * n + i
-                ends[0], ends[1], ends[2] = 0.0, velocity[at] * duration, acceleration[at] * square
+                ends[1], ends[2] = velocity[at] * duration, acceleration[at] * square
                 ends[3] = position[at + n] - position[at]
                 ends[4], ends[5] = velocity[at + n] * duration, acceleration[at + n] * square
-                power = 1.0
-                for row in range(ORDER):
-                    sum = 0.0
-                    for column in range(ORDER):
+                c[at * ORDER], c[at * ORDER + 1] = position[at], ends[1] / duration
+                c[at * ORDER + 2] = 0.5 * ends[2] / square
+                power = square * duration
+                for row in range(3, ORDER):
+                    sum = FROM_ENDS[row][1] * ends[1]
+                    for column in range(2, ORDER):
                         sum += FROM_ENDS[row][column] * ends[column]
                     c[at * ORDER + row] = sum / power
                     power *= duration
-                c[at * ORDER] = position[at]
     return out
 
 

@@ -180,7 +180,8 @@ class Trajectory:
         if derivative > 0:
             rows = rows[:, :, derivative:] * FACTORS[derivative, derivative:]
         hull = control_points(rows, np.diff(self.breakpoints_s))
-        segments, joints = np.nonzero((hull.min(axis=1) < low) | (hull.max(axis=1) > high))
+        outside = (hull < low) | (hull > high)
+        segments, joints = np.nonzero(outside.any(axis=1))
         if len(segments) == 0:
             return segments, joints, np.empty(0)
         lowest, highest = _polynomial_extrema(self._unit_polynomials(derivative)[segments, joints])

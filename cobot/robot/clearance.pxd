@@ -145,8 +145,8 @@ cdef class Clearance:
     cdef int _set_spheres(self, Part* part) except -1
     cdef int _common(self, int joint, int other) noexcept
     cdef int _after(self, int common, int joint) noexcept
-    cdef void _find_near(
-        self, const double* joints, Py_ssize_t count, const float* within, char* near
+    cdef void find_near(
+        self, const double* joints, Py_ssize_t count, double within_m, char* near
     ) noexcept nogil
     cdef Py_ssize_t _look_along(
         self, const double* control, int degree, Py_ssize_t count, bint first, char* unproven
@@ -159,7 +159,7 @@ cdef class Clearance:
         self, const double* control, int degree, const Stretch* stretches, int count, int parts,
         LaneQuery* query, LaneAnswer* answer
     ) noexcept nogil
-    cdef void _move_to(self, const double* joints) noexcept nogil
+    cdef void move_to(self, const double* joints) noexcept nogil
     cdef void _move_part(self, Part* part) noexcept nogil
     cdef void _sweep(self, Part* part, const double* turned) noexcept nogil
     cdef double _sweep_of(self, int part, int joint, const double* turned) noexcept nogil
@@ -180,6 +180,6 @@ cdef class Clearance:
     cdef void _raise(self, int pair) noexcept nogil
     cdef int _list(self, const LaneAnswer* answer, long number, int* pairs, int count) noexcept nogil
     cdef bint _is_edge_exactly_free(self, const double* start, const double* goal) noexcept nogil
-    cdef double _gap(self, int index, double enough_m, double* line) noexcept nogil
-    cdef void _add_gradient(self, int pair, double weight, const double* line, double* out) noexcept nogil
+    cdef double gap_of(self, int index, double enough_m, double* line) noexcept nogil
+    cdef void add_gradient(self, int pair, double weight, const double* line, double* out) noexcept nogil
     cdef bint c_is_edge_free(self, const double* start, const double* goal) noexcept nogil

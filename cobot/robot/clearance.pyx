@@ -347,7 +347,7 @@ cdef class Clearance:
             part.kind, part.size[2], part.round = LANES_SEGMENT, solid.solid.half_m, solid.solid.radius_m
         return 0
 
-    cdef void _move_to(self, const double* joints) noexcept nogil:
+    cdef void move_to(self, const double* joints) noexcept nogil:
         cdef Link* link
         cdef double* turn
         cdef double* place
@@ -446,7 +446,7 @@ cdef class Clearance:
             turned[index] = 0.0
             for which in range(degree + 1):
                 turned[index] = fmax(turned[index], fabs(control[which * self.dof + index] - middle[index]))
-        self._move_to(middle)
+        self.move_to(middle)
         for index in range(count):
             which = order[index]
             pair = &self._pair[which]
@@ -499,7 +499,7 @@ cdef class Clearance:
                 return which
         return -1
 
-    cdef void _add_gradient(self, int index, double weight, const double* line, double* out) noexcept nogil:
+    cdef void add_gradient(self, int index, double weight, const double* line, double* out) noexcept nogil:
         """Add the distance's derivative by each joint, times a weight."""
         cdef Pair* pair = &self._pair[index]
         cdef const double* axis
@@ -628,7 +628,7 @@ cdef class Clearance:
         cdef double distance
         memcpy(control, start, self.dof * sizeof(double))
         memcpy(control + self.dof, goal, self.dof * sizeof(double))
-        self._move_to(goal)
+        self.move_to(goal)
         if self._first_touching(self._order, self.count, &distance) >= 0:
             return False
         return self._is_proven(control, 1, 0.0, 1.0, self._order, self.count, False)
@@ -743,7 +743,7 @@ cdef class Clearance:
         cdef double given[MAX_DOF]
         cdef double distance
         _take(joints, self.dof, given)
-        self._move_to(given)
+        self.move_to(given)
         return self._first_touching(self._order, self.count, &distance) < 0
 
     def are_free(self, rows):
@@ -770,7 +770,7 @@ cdef class Clearance:
                     out[begin + lane] = False
                 elif answer.open >> lane & 1:
                     order = answer.failing if self._check != NULL else self._order
-                    self._move_to(row + lane * self.dof)
+                    self.move_to(row + lane * self.dof)
                     out[begin + lane] = self._first_touching(order, answer.failing_count, &distance) < 0
                 else:
                     out[begin + lane] = True
@@ -973,18 +973,22 @@ cdef class Clearance:
                 side = 1 - side
         return -1
 
-    cdef void _find_near(
-        self, const double* joints, Py_ssize_t count, const float* within, char* near
+    cdef void find_near(
+        self, const double* joints, Py_ssize_t count, double within_m, char* near
     ) noexcept nogil:
-        """Whether each pair may be nearer than these distances, (count, pairs). Spheres alone decide."""
+        """Whether each pair may be nearer than this distance, (count, pairs). Spheres alone decide; without
+        them every pair may be."""
         cdef LaneQuery query
         cdef LaneAnswer answer
         cdef Py_ssize_t begin = 0
         cdef int lanes, lane, index
-        memset(near, 0, count * self.count)
+        memset(near, self._check == NULL, count * self.count)
+        if self._check == NULL:
+            return
+        for index in range(self.count):
+            self._lane_least[index] = within_m
         query.pairs, query.pair_count, query.all = self._lane_order, self.count, LANES_NEAR
         answer.failing, answer.lanes, answer.places = self._failing, self._failing_lanes, NULL
-        self._lanes.least = within
         while begin < count:
             lanes = min(count - begin, <Py_ssize_t>MAX_LANES)
             self._look_at_rows(joints + begin * self.dof, lanes, &query, &answer)
@@ -993,7 +997,8 @@ cdef class Clearance:
                     if answer.lanes[2 * index] >> lane & 1:
                         near[(begin + lane) * self.count + answer.failing[index]] = 1
             begin += lanes
-        self._lanes.least = self._lane_least
+        for index in range(self.count):
+            self._lane_least[index] = self._least[index]
 
     cdef int _parts_to_start_with(self, const double* control, int degree, int count) noexcept nogil:
         """Number of parts into which each of these pieces is divided, so that the parts are short enough for
@@ -1026,7 +1031,7 @@ cdef class Clearance:
             joints[joint] = 0.0
             for i in range(degree + 1):
                 joints[joint] += weights[i] * points[i * self.dof + joint]
-        self._move_to(joints)
+        self.move_to(joints)
         self._hit_pair = self._first_touching(self._order, self.count, &self._hit_m)
         return self._hit_pair >= 0
 
@@ -1083,9 +1088,9 @@ cdef class Clearance:
         cdef int index
         with nogil:
             for row in range(count):
-                self._move_to(joints + row * self.dof)
+                self.move_to(joints + row * self.dof)
                 for index in range(self.count):
-                    found[row * self.count + index] = fmin(farthest_m, self._gap(index, farthest_m, NULL))
+                    found[row * self.count + index] = fmin(farthest_m, self.gap_of(index, farthest_m, NULL))
         return out
 
     def nearest(self, rows, chosen, double farthest_m):
@@ -1110,14 +1115,14 @@ cdef class Clearance:
         cdef double distance
         with nogil:
             for row in range(count):
-                self._move_to(joints + row * self.dof)
+                self.move_to(joints + row * self.dof)
                 for index in range(pairs):
-                    distance = self._gap(pair[index], farthest_m, NULL)
+                    distance = self.gap_of(pair[index], farthest_m, NULL)
                     if distance < farthest_m:
                         found_row, found, farthest_m = row, pair[index], distance
         return None if found < 0 else (found_row, found, farthest_m)
 
-    cdef double _gap(self, int index, double enough_m, double* line) noexcept nogil:
+    cdef double gap_of(self, int index, double enough_m, double* line) noexcept nogil:
         cdef Part* first = &self._part[self._pair[index].first]
         cdef Part* second = &self._part[self._pair[index].second]
         if far_bound(self._data, &first.solid, &second.solid) >= enough_m:
@@ -1152,7 +1157,7 @@ cdef class Clearance:
         if second.solid.kind != CLOUD:
             return None
         _take(joints, self.dof, given)
-        self._move_to(given)
+        self.move_to(given)
         gap_to_cloud(
             self._model, self._data, &first.solid, first.spheres, first.sphere_count, &second.solid,
             &second.cube, second.nodes, enough_m, enough_m, DEEPEST, NULL, &nearest
@@ -1172,72 +1177,11 @@ cdef class Clearance:
             raise ValueError(f"no pair {index}")
         _take(joints, self.dof, given)
         out = np.zeros(self.dof)
-        self._move_to(given)
+        self.move_to(given)
         memset(line, 0, sizeof(line))
-        distance = self._gap(index, 1e3, line)
-        self._add_gradient(index, 1.0, line, doubles(out, self.dof))
+        distance = self.gap_of(index, 1e3, line)
+        self.add_gradient(index, 1.0, line, doubles(out, self.dof))
         return distance, out
-
-    def push(self, rows, velocities, double least_m, double width_m):
-        """CHOMP's obstacle cost and its gradient (M. Zucker et al., 2013, equations 20 and 21).
-
-        Every pair is a body point with the other geom as its obstacle. With d the distance of a pair beyond
-        `least_m`, its cost c(d) is 0 above `width_m`, quadratic between 0 and `width_m`, and linear below 0.
-        The cost is weighted by how fast the pair's distance changes along the path. The curvature term
-        vanishes on nearly straight paths and is left out.
-
-        Args:
-            rows: the path's points, shape (n, dof).
-            velocities: the derivative along the path, shape (n, dof).
-
-        Returns:
-            The gradient, shape (n, dof), the cost, and the smallest distance of each point, shape (n,), m,
-            none larger than `least_m + width_m`.
-        """
-        given, speeds = _rows(rows, self.dof), _rows(velocities, self.dof)
-        out, nearest = np.zeros_like(given), np.full(len(given), least_m + width_m)
-        cdef const double* joints = doubles(given, given.size)
-        cdef const double* velocity = doubles(speeds, given.size)
-        cdef double* gradient = doubles(out, given.size)
-        cdef double* smallest = doubles(nearest, len(given))
-        cdef double slope_of[MAX_DOF]
-        cdef double line[6]
-        cdef double cost = 0.0
-        cdef double distance, beyond, speed
-        cdef Py_ssize_t row, count = len(given)
-        cdef int index, i
-        self.enclose()
-        within = np.full(max(1, self.count), least_m + width_m, dtype=np.float32)
-        are_near = np.ones(count * self.count + 1, dtype=np.uint8)
-        cdef char* near = bytes_of(are_near, len(are_near))
-        cdef const float* reach = <const float*>bytes_of(within, within.nbytes)
-        with nogil:
-            if self._check != NULL:
-                self._find_near(joints, count, reach, near)
-            for row in range(count):
-                self._move_to(joints + row * self.dof)
-                speed = 0.0
-                for i in range(self.dof):
-                    speed += velocity[row * self.dof + i] * velocity[row * self.dof + i]
-                speed = sqrt(speed)
-                for index in range(self.count):
-                    if not near[row * self.count + index]:
-                        continue
-                    distance = self._gap(index, least_m + width_m, line)
-                    beyond = distance - least_m
-                    if beyond >= width_m:
-                        continue
-                    smallest[row] = fmin(smallest[row], distance)
-                    memset(slope_of, 0, sizeof(slope_of))
-                    self._add_gradient(index, 1.0, line, slope_of)
-                    if beyond < 0.0:
-                        cost += speed * (0.5 * width_m - beyond)
-                        beyond = 0.0
-                    else:
-                        cost += speed * (beyond - width_m) * (beyond - width_m) / (2.0 * width_m)
-                    for i in range(self.dof):
-                        gradient[row * self.dof + i] -= speed * (1.0 - beyond / width_m) * slope_of[i]
-        return out, cost, nearest
 
 
 cdef void _bernstein(int degree, double at, double* out) noexcept nogil:

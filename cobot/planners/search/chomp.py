@@ -18,6 +18,7 @@ import numpy as np
 
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
 from cobot.motions.requests import MotionRequest
+from cobot.planners.descent import Descent
 from cobot.planners.search.spline import smooth_motion
 from cobot.robot.clearance import Clearance
 from cobot.robot.collision import Contact
@@ -27,9 +28,7 @@ from cobot.types import RRT_CONNECT, Array
 
 POINTS, MAX_POINTS = 30, 100
 ITERATIONS = 120
-LOOK = 5
-"""Number of iterations between two path checks."""
-SMOOTHING = 40
+SMOOTHING = 20
 """Minimum number of iterations for a path from ompl. It is already free of collisions, and these iterations
 make it smoother.
 """
@@ -44,7 +43,7 @@ PUSHED_M = 3e-3
 points needs this distance.
 """
 SMOOTHNESS_WEIGHT = 0.05
-STEP_RAD = 0.03
+STEP_RAD = 0.04
 """The largest change of a joint in one iteration."""
 STRAIGHT_STARTS = 3
 
@@ -69,7 +68,7 @@ def plan_chomp(robot: RobotDescription, request: MotionRequest, goals: Array) ->
         except CollisionError as exc:
             problem = problem or exc
         else:
-            return replace(motion, note=note, notices=(Notice("chomp", {}),) if note else ())
+            return replace(motion, note=note, notices=(Notice("chomp", {}),)) if note else motion
     raise PlanningError(
         f"chomp found no free path near the straight line: {problem}",
         findings=() if problem is None else problem.findings,
@@ -133,25 +132,32 @@ def _descend(
     limits, count = robot.limits, len(points)
     spread = _spread(count)
     smoothest = -spread @ _pull(points[0], points[-1], count)
+    descent = Descent(
+        clearance,
+        points,
+        smoothest,
+        spread,
+        limits.min_position,
+        limits.max_position,
+        least_m + PUSHED_M,
+        CLEARANCE_M,
+    )
     weight, free = SMOOTHNESS_WEIGHT, None
+    touching = slice(0)  # the piece of the last contact, where the next one is most likely
     for iteration in range(ITERATIONS):
         if time.monotonic() > deadline_s:
             raise PlanningTimeout.after(timeout_s, f"chomp: not finished within {timeout_s:.1f} s")
-        velocities = _slopes(points) * (count - 1)
-        push, _, nearest = clearance.push(points, velocities, least_m + PUSHED_M, CLEARANCE_M)
-        if iteration % LOOK == 0 and nearest.min() >= least_m:
-            if clearance.contact(np.stack([points[:-1], points[1:]], axis=1)) is None:
-                free = points.copy()
+        if descent.push() >= least_m:
+            pieces = np.stack([points[:-1], points[1:]], axis=1)
+            if clearance.contact(pieces[touching]) is None:
+                if (found := clearance.contact(pieces)) is None:
+                    free = points.copy()
+                else:
+                    touching = slice(found[0], found[0] + 1)
             if free is not None and iteration >= least_iterations:
                 break
-        inner = points[1:-1]
-        step = weight * (inner - smoothest) + spread @ push[1:-1]
-        largest = max(float(step.max()), -float(step.min()))
-        if largest < 1e-9:
+        if not descent.step(weight, STEP_RAD):
             break
-        step *= min(STEP_RAD / largest, 1.0 / weight)
-        inner -= step
-        _into_limits(inner, limits.min_position, limits.max_position, spread)
         if iteration % 40 == 39:
             weight *= 0.3  # gives collisions more weight
     return points, free
@@ -175,10 +181,10 @@ def _sample(corners: Array) -> Array:
     """`POINTS` evenly spaced points along a polyline. They include its corners, so that its shape stays the
     same.
     """
+    if len(corners) == 2:
+        return np.linspace(*corners, POINTS)
     reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
-    places = np.linspace(0.0, reached[-1], POINTS)
-    if len(corners) > 2:
-        places = np.union1d(places, reached)
+    places = np.union1d(np.linspace(0.0, reached[-1], POINTS), reached)
     return np.stack([np.interp(places, reached, column) for column in corners.T], axis=1)
 
 
@@ -198,14 +204,6 @@ def _spread(count: int) -> Array:
     return np.asarray(np.linalg.inv(difference.T @ difference))
 
 
-def _slopes(points: Array) -> Array:
-    """`numpy.gradient` along the rows."""
-    out = np.empty_like(points)
-    out[1:-1] = (points[2:] - points[:-2]) / 2.0
-    out[0], out[-1] = points[1] - points[0], points[-1] - points[-2]
-    return out
-
-
 def _pull(start: Array, goal: Array, count: int) -> Array:
     """The vector b of the gradient. It is the contribution of the path's ends, which are at rest."""
     difference = _differences(count)
@@ -223,18 +221,3 @@ def _differences(count: int) -> Array:
         for column, weight in ((row - 1, 1.0), (row, -2.0), (row + 1, 1.0)):
             difference[row, min(max(column, 0), count - 1)] += weight
     return difference
-
-
-def _into_limits(inner: Array, low: Array, high: Array, spread: Array) -> None:
-    """Move the path into the joint limits, in place, as in the paper's section 4.3: subtract the violation,
-    smoothed by A⁻¹.
-    """
-    for _ in range(20):
-        if (inner <= high).all() and (inner >= low).all():
-            return
-        violation = np.where(inner > high, inner - high, np.where(inner < low, inner - low, 0.0))
-        correction = spread @ violation
-        for joint in np.flatnonzero(violation.any(axis=0)):
-            row = int(np.abs(violation[:, joint]).argmax())
-            inner[:, joint] -= correction[:, joint] * violation[row, joint] / correction[row, joint]
-    np.clip(inner, low, high, out=inner)

@@ -345,30 +345,6 @@ def test_pieces_that_the_spheres_prove_are_not_looked_at_again(robot: RobotDescr
     assert clearance.evaluations < 64, "less than one configuration for each piece"
 
 
-def test_obstacles_push_a_path_as_without_spheres(
-    robot: RobotDescription, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The oracle is the gradient of the exact distances of all pairs; the same bits are required."""
-    random = np.random.default_rng(SEED + 9)
-    pushed = 0
-    for kind in scenes.KINDS:
-        problem = next(scenes.problems(robot, kind, 1, SEED))
-        mj = problem.robot.model.mj
-        spheres = Clearance(mj, geom_pairs(mj), RESOLUTION_M)
-        spheres.enclose()
-        monkeypatch.setenv(INSTRUCTIONS, "exact")
-        exact = Clearance(mj, geom_pairs(mj), RESOLUTION_M)
-        exact.enclose()
-        monkeypatch.delenv(INSTRUCTIONS)
-        for count in (1, 16, 41):
-            rows = problem.start + 0.3 * np.cumsum(random.normal(size=(count, 7)), axis=0) / np.sqrt(count)
-            rates = random.normal(size=rows.shape)
-            found, expected = (each.push(rows, rates, 0.009, 0.04) for each in (spheres, exact))
-            assert all(np.array_equal(one, other) for one, other in zip(found, expected, strict=True))
-            pushed += int(np.abs(expected[0]).max() > 0.0)
-    assert pushed > 3
-
-
 def test_the_spheres_of_a_mesh_are_kept_without_the_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
     """The oracle is the size of the keys by which the spheres are found again."""
     trees, nodes = KeptArrays(10_000_000), KeptArrays(10_000_000)
