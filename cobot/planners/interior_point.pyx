@@ -23,6 +23,7 @@ All in one file, so that the C compiler can optimise a whole iteration.
 """
 
 from libc.math cimport fabs, isfinite, pow, sqrt
+from libc.string cimport memset
 
 import numpy as np
 
@@ -482,7 +483,7 @@ def fastest_rate(begin, Stations times, list bounded, double gap, int iterations
     cdef int number = 0, i
     cdef Stations each
     cdef double share = 1e300
-    solution, matrix, right = np.array(begin, dtype=np.float64), np.empty(3 * n), np.empty(n)
+    solution, matrix, right = np.array(begin, dtype=np.float64), np.zeros(3 * n), np.zeros(n)
     cdef double* c = doubles(solution, n)
     for each in bounded:
         share = min(share, each.largest_share(c))
@@ -491,8 +492,6 @@ def fastest_rate(begin, Stations times, list bounded, double gap, int iterations
     solution *= BEGIN * share
     cdef double* a = doubles(matrix, 3 * n)
     cdef double* x = doubles(right, n)
-    matrix[:] = 0.0
-    right[:] = 0.0
     cdef double duration = _duration(times, c, a, x)
     cdef double rows = 0.0
     for each in bounded:
@@ -510,8 +509,8 @@ def fastest_rate(begin, Stations times, list bounded, double gap, int iterations
             each.step(c, x, barrier, &primal, &dual)
         for i in range(n):
             c[i] += primal * x[i]
-        matrix[:] = 0.0
-        right[:] = 0.0
+        memset(a, 0, 3 * n * sizeof(double))
+        memset(x, 0, n * sizeof(double))
         duration = _duration(times, c, a, x)
         done = barrier * rows < gap * duration
         if primal > 0.5 and dual > 0.5:

@@ -182,7 +182,7 @@ def _sample(corners: Array) -> Array:
     same.
     """
     if len(corners) == 2:
-        return np.linspace(*corners, POINTS)
+        return np.linspace(corners[0], corners[1], POINTS)
     reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
     places = np.union1d(np.linspace(0.0, reached[-1], POINTS), reached)
     return np.stack([np.interp(places, reached, column) for column in corners.T], axis=1)

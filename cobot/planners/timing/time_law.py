@@ -224,9 +224,10 @@ class _Problem:
         # Rows for jerks, at both ends of each cell, and in the middle of the first and last cells.
         jerks = np.concatenate([begins, ends, middles[:, ending]], axis=1)
         self._jerks = chained(derivatives[:, places], jerks, coordinates.max_jerk)
-        shares = coordinates.shares(law[0])
-        self._shares = np.minimum(shares[:, : self._cells], shares[:, self._cells : last])
-        self._shares = np.minimum(self._shares, shares[:, knots[1:]])
+        self._shares = coordinates.shares(law[0, : self._cells])
+        if coordinates.zones > 1:
+            others = coordinates.shares(law[0, self._cells : last]), coordinates.shares(self._knots[0, 1:])
+            self._shares = np.minimum(np.minimum(self._shares, others[0]), others[1])
         self._tightened = self._shares[1:].copy()
 
     def refine(self, best: _Law) -> _Law:
