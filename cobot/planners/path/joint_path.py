@@ -52,6 +52,11 @@ SWINGING = 1.5
 """If a curve through the points is longer than its chords by this factor, it oscillates between them."""
 MAX_PLACES = 1500
 ROUNDS = 12
+HALVINGS, GAINED, GROWTHS = 4, 0.5, 5
+"""If so many halvings of the first interval leave more than this share of the deviation in it, no more places
+are added, because the joints jump there. The third value is the number of rounds in which more and more
+intervals are spoiled, after which no more places are added.
+"""
 INSIDE_RAD = 1e-6
 """Distance that the path keeps from the joint limits if it begins at them, because the time parameterization
 deviates a little from the path.
@@ -83,9 +88,11 @@ def through(
         and np.ptp(np.diff(shares)) < EVEN_SHARE
     ):
         joint_path = JointCurve.through_even(rows)
-        if not _find_spoiled(robot, path, joint_path, shares, shares, (low, high)).any():
+        if not _find_spoiled(robot, path, joint_path, shares, shares, (low, high))[0].any():
             return joint_path
     shares, rows = _thin(*_refine_jumps(path, robot, shares, rows, joints_at))
+    counts: list[int] = []
+    at_start: list[float] = []
     for _ in range(ROUNDS):
         outside = np.argwhere((rows < low) | (rows > high))
         if len(outside):
@@ -97,11 +104,26 @@ def through(
             )
         parameters = _lengths(shares, rows)
         joint_path = JointCurve.through(parameters, rows)
-        spoiled = _find_spoiled(robot, path, joint_path, parameters, shares, (low, high))
+        spoiled, deviation = _find_spoiled(robot, path, joint_path, parameters, shares, (low, high))
         if not spoiled.any():
             return joint_path
+        counts.append(int(spoiled.sum()))
+        at_start = [*at_start, deviation] if spoiled[0] else []
+        if _is_futile(counts, at_start):
+            break
         shares, rows = _halve(path, shares, rows, spoiled, joints_at)
     raise _inaccurate(path)
+
+
+def _is_futile(counts: list[int], at_start: list[float]) -> bool:
+    """Whether the joints jump at the start, or slide along a limit. Further halvings then help nothing.
+
+    Args:
+        counts: number of spoiled intervals in each round.
+        at_start: deviation in the first interval in each of the last rounds in which it was spoiled.
+    """
+    jumps = len(at_start) > HALVINGS and at_start[-1] > GAINED * at_start[-1 - HALVINGS]
+    return jumps or (len(counts) > GROWTHS and bool(np.diff(counts[-1 - GROWTHS :]).min() > 0))
 
 
 def at_limit_of(
@@ -220,8 +242,10 @@ def _find_spoiled(
     parameters: Array,
     shares: Array,
     bounds: tuple[Array, Array],
-) -> Array:
-    """Find the intervals in which the joint path leaves its bounds or the TCP leaves the TCP path."""
+) -> tuple[Array, float]:
+    """Find the intervals in which the joint path leaves its bounds or the TCP leaves the TCP path, and the
+    largest deviation in the first interval, as a share of the allowed one.
+    """
     steps = np.diff(parameters)
     inner = np.concatenate(
         [
@@ -236,9 +260,11 @@ def _find_spoiled(
         # the TCP.
         there = np.clip(spline_through(parameters, shares[:, None])(inner)[:, 0], 0.0, 1.0)
     poses, targets = robot.model.poses(joint_path.at(inner)), path.poses(there)
-    far = np.linalg.norm(poses[:, :3] - targets[:, :3], axis=1) > PATH_SHARE * MAX_DEVIATION_M
-    far |= angles_between(poses[:, 3:], targets[:, 3:], path.free) > PATH_SHARE * MAX_DEVIATION_RAD
-    wrong = np.concatenate([inner[far], joint_path.places_outside(*bounds)])
+    deviations = np.maximum(
+        np.linalg.norm(poses[:, :3] - targets[:, :3], axis=1) / MAX_DEVIATION_M,
+        angles_between(poses[:, 3:], targets[:, 3:], path.free) / MAX_DEVIATION_RAD,
+    )
+    wrong = np.concatenate([inner[deviations > PATH_SHARE], joint_path.places_outside(*bounds)])
     spoiled = np.zeros(len(steps), bool)
     spoiled[np.clip(np.searchsorted(parameters, wrong, side="right") - 1, 0, len(steps) - 1)] = True
-    return spoiled
+    return spoiled, float(deviations[inner < parameters[1]].max())

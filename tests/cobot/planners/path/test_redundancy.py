@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from cobot.errors import CobotError, CollisionError, UnreachableError
 from cobot.planners import MotionRequest, plan
+from cobot.planners.path import joint_path
 from cobot.planners.path.joint_path import MAX_DEVIATION_M, MAX_DEVIATION_RAD
 from cobot.planners.path.lin import straight_line
 from cobot.planners.path.redundancy import ENCLOSING, MESHES, RedundancyGraph
@@ -147,6 +149,37 @@ def test_a_mesh_is_filled_only_where_a_way_leads_through_it(
     with pytest.raises(UnreachableError, match="no arm angle reaches beyond"):
         lin(robot, start, goal)
     assert not any(filled)
+
+
+@pytest.mark.parametrize(
+    ("start", "goal", "is_planned"),
+    [  # the elbow is nearly straight, so other arm angles begin with a jump; and joint2 is at its limit
+        ((2.0643, -0.4029, 1.778, 0.0129, 1.7289, -0.733, 0.952), (-0.05, -0.01, 1.24), False),
+        ((1.793, -2.1, -1.341, -0.985, -0.081, 0.847, -2.496), (0.318, -0.338, 0.262), True),
+    ],
+)
+def test_places_are_added_only_while_they_help(
+    robot: RobotDescription,
+    monkeypatch: pytest.MonkeyPatch,
+    start: tuple[float, ...],
+    goal: tuple[float, ...],
+    is_planned: bool,
+) -> None:
+    """Otherwise one line needs up to 1000 places, 21 times."""
+    places: list[int] = []
+    find_spoiled = joint_path._find_spoiled
+
+    def counted(*args: Any) -> tuple[Array, float]:
+        places.append(len(args[4]))
+        return find_spoiled(*args)
+
+    monkeypatch.setattr(joint_path, "_find_spoiled", counted)
+    joints = np.array(start)
+    end = Pose(np.array(goal), robot.model.forward(joints).quaternion)
+    with nullcontext() if is_planned else pytest.raises(UnreachableError, match="joint3 reaches its limit"):
+        lin(robot, joints, end)
+    assert max(places) < 150
+    assert len(places) < 150
 
 
 def test_a_refusal_says_how_far_any_arm_angle_leads(robot: RobotDescription) -> None:
