@@ -322,18 +322,22 @@ def _shorter(robot: RobotDescription, request: MotionRequest, error: CobotError)
     shares = [found.share for found in error.findings if found.share]
     if request.planner is not PlannerName.LIN or not shares or not isinstance(request.goal, Pose):
         return
-    here, axes = robot.model.forward(request.start), request.free_axes
-    line = straight_line(here, request.goal)
-    free, most = free_share(robot, request.start, replace(line, free=axes)), max(shares)
+    here, axes, most = robot.model.forward(request.start), request.free_axes, max(shares)
+    line = replace(straight_line(here, request.goal), free=axes)
+
+    def up_to(share: float) -> TcpPath:
+        return replace(straight_line(here, _as_written(line.pose_at(share))), free=axes)
+
     parts = [part * most for part in SHORT_OF]
-    if SHORT_OF[0] * free >= MIN_SHARE:
-        parts = [part * min(most, free) for part in SHORT_OF]
-        longer = SHORT_OF[0] * min(most, free + 1.0 / line.places)
-        rest = replace(straight_line(here, _as_written(line.pose_at(longer))), free=axes)
-        if longer > parts[0] and free_share(robot, request.start, rest) == 1.0:
-            parts.insert(0, longer)
-    elif robot.model.kinematics(axes).arm_angle is None:
-        return  # few lines lead further, and each trial takes a long time
+    if share_along(robot, request.start, up_to(parts[0])) < 1.0:
+        free = free_share(robot, request.start, line)
+        if SHORT_OF[0] * free >= MIN_SHARE:
+            parts = [part * min(most, free) for part in SHORT_OF]
+            longer = SHORT_OF[0] * min(most, free + 1.0 / line.places)
+            if longer > parts[0] and free_share(robot, request.start, up_to(longer)) == 1.0:
+                parts.insert(0, longer)
+        elif robot.model.kinematics(axes).arm_angle is None:
+            return  # few lines lead further, and each trial takes a long time
     for share in parts:
         if share >= MIN_SHARE:
             goal = _as_written(line.pose_at(share))
