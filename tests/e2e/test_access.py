@@ -12,7 +12,8 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -221,22 +222,31 @@ def test_an_administrator_adds_and_deletes_tokens_in_the_panel(locked: Locked, t
     with browsing(tmp_path, "--ignore-certificate-errors", "--enable-unsafe-swiftshader") as tools:
         page = Page(tools)
 
+        def press(selector: str, effect: Callable[[], Any]) -> Any:
+            """Press until this has an effect, because the page may move under the pointer."""
+
+            def attempt() -> Any:
+                page.click(selector)
+                return next((found for _ in range(50) if (found := effect()) or time.sleep(0.1)), None)
+
+            return until(attempt)
+
         def enter(role: Role) -> None:
             page.visit(f"{locked.run.url}/")
             page.run(f"sessionStorage.setItem('cobot.token', '{locked.tokens[role]}')")
             page.visit(f"{locked.run.url}/")
             until(lambda: page.run("!!window.cobotPanel?.state"))
-            until(lambda: page.run("!document.querySelector('#simulation').hidden"))  # it moves the tabs
-            page.click("#tab-setup")
-            page.click("#tab-people")
+            for part in ("setup", "people"):
+                chosen = f"document.querySelector('#tab-{part}').ariaSelected === 'true'"
+                press(f"#tab-{part}", partial(page.run, chosen))
 
-        def fill(name: str, days: str = "") -> None:
+        def fill(name: str, days: str, effect: Callable[[], Any]) -> Any:
             for field, text in (("name", name), ("days", days)):
                 page.run(f"document.querySelector('#people-{field}').value = {json.dumps(text)}")
-            page.click("#people-add")
+            return press("#people-add", effect)
 
-        def said(text: str) -> None:
-            until(lambda: text in page.run("document.querySelector('#people-why').textContent"))
+        def says(text: str) -> bool:
+            return text in page.run("document.querySelector('#people-why').textContent")
 
         def names() -> list[str]:
             return [each.name for each in locked.file.read()]
@@ -253,27 +263,17 @@ def test_an_administrator_adds_and_deletes_tokens_in_the_panel(locked: Locked, t
             ("the-admin", "", "the-admin already"),
             ("anna", "-1", "at most 36500"),
         ):
-            fill(name, days)
-            said(text)
-        fill("anna", "2")
-        token = until(lambda: page.run("document.querySelector('#people-new').value"))
+            fill(name, days, partial(says, text))
+        token = fill("anna", "2", lambda: page.run("document.querySelector('#people-new').value"))
         with Client(locked.run.url, token=token, verify=locked.trusted) as anna:
             assert anna.health()
-            page.click("#people-copy")
-            said("Copied.")
-            page.click("#people-done")
-            assert page.run("document.querySelector('#people-new').value") == ""
+            press("#people-copy", lambda: says("Copied."))
+            press("#people-done", lambda: page.run("document.querySelector('#people-new').value === ''"))
             assert page.run("document.querySelector('[data-token=the-admin] button').disabled")
-            page.click("[data-token=anna] button")
-            until(
-                lambda: (
-                    page.run("document.querySelector('[data-token=anna] button').textContent")
-                    == "Delete anna?"
-                )
-            )
+            delete = "document.querySelector('[data-token=anna] button')"
+            press("[data-token=anna] button", lambda: page.run(f"{delete}.textContent === 'Delete anna?'"))
             assert "anna" in names()
-            page.click("[data-token=anna] button")
-            said("anna is deleted")
+            press("[data-token=anna] button", lambda: says("anna is deleted"))
             assert "anna" not in names()
             with pytest.raises(AuthenticationError):
                 anna.health()
