@@ -45,6 +45,8 @@ RESTING = frozenset({LoopMode.HOLD, LoopMode.ESTOP, LoopMode.FAULT})
 STREAMING = frozenset({LoopMode.JOINT_IMPEDANCE, LoopMode.CARTESIAN, LoopMode.JOINT_TORQUE})
 """Modes in which a client streams targets."""
 
+TIME_FACTORS = (0.1, 4.0)
+"""Smallest and largest time factor of a simulation."""
 MAX_BUDGET_S = 10.0
 """Maximum planning budget of a motion, s."""
 MAX_ACTIONS = 64

@@ -10,13 +10,14 @@ cdef inline long long monotonic_ns() noexcept nogil:
 
 cdef class CycleClock:
     cdef public long long overruns
+    cdef readonly double factor
 
     # Delay of the cycle in nanoseconds; if the sleep failed, its negative errno.
-    cdef long long c_wait(self, bint moving) noexcept nogil
+    cdef long long c_wait(self, bint moving, bint planned) noexcept nogil
 
 
 cdef class RealtimeClock(CycleClock):
-    cdef long long _period_ns
+    cdef long long _period_ns, _planned_ns
     cdef readonly long long _deadline_ns  # deadline of the next cycle; 0 before the first wait
 
 

@@ -3,10 +3,14 @@ class CycleClock:
 
     Attributes:
         overruns: periods that were missed because a cycle began too late.
+        factor: the time factor, robot time per wall time while a planned motion runs.
     """
 
     overruns: int
-    def wait(self, *, moving: bool) -> int: ...
+    @property
+    def factor(self) -> float: ...
+    def scale(self, factor: float) -> None: ...
+    def wait(self, *, moving: bool, planned: bool = False) -> int: ...
 
 class RealtimeClock(CycleClock):
     _deadline_ns: int

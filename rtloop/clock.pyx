@@ -18,18 +18,31 @@ cdef class CycleClock:
 
     Attributes:
         overruns: number of periods that were missed because a cycle began too late.
+        factor: the time factor, robot time per wall time while a planned motion runs.
     """
 
-    def wait(self, *, bint moving):
-        """Wait for the next cycle. Returns its delay in nanoseconds."""
+    def __cinit__(self):
+        self.factor = 1.0
+
+    def scale(self, double factor):
+        """Set the time factor. `rtloop.time_factor.refusal` checks beforehand whether it is permitted."""
+        self.factor = factor
+
+    def wait(self, *, bint moving, bint planned=False):
+        """Wait for the next cycle. Returns its delay in nanoseconds.
+
+        Args:
+            moving: whether the arm moves or may move.
+            planned: whether a planned motion runs that is not being stopped.
+        """
         cdef long long late_ns
         with nogil:
-            late_ns = self.c_wait(moving)
+            late_ns = self.c_wait(moving, planned)
         if late_ns < 0:
             raise OSError(-late_ns, f"clock_nanosleep: {os.strerror(-late_ns)}")
         return late_ns
 
-    cdef long long c_wait(self, bint moving) noexcept nogil:
+    cdef long long c_wait(self, bint moving, bint planned) noexcept nogil:
         return 0
 
 
@@ -37,19 +50,24 @@ cdef class RealtimeClock(CycleClock):
     """A clock with absolute deadlines on CLOCK_MONOTONIC. Delays do not add up, and missed periods are
     skipped.
 
-    The first deadline is one period after the first wait.
+    The first deadline is one period after the first wait. While a planned motion runs, the time between two
+    deadlines is a period divided by the time factor.
     """
 
     def __init__(self, double period_s):
-        self._period_ns = round(period_s * 1e9)
+        self._period_ns = self._planned_ns = round(period_s * 1e9)
 
-    cdef long long c_wait(self, bint moving) noexcept nogil:
+    def scale(self, double factor):
+        CycleClock.scale(self, factor)
+        self._planned_ns = round(self._period_ns / factor)
+
+    cdef long long c_wait(self, bint moving, bint planned) noexcept nogil:
         cdef timespec deadline
-        cdef long long late_ns, missed
+        cdef long long late_ns, missed, period_ns = self._planned_ns if planned else self._period_ns
         cdef int error = EINTR
         if self._deadline_ns == 0:
             self._deadline_ns = monotonic_ns()
-        self._deadline_ns += self._period_ns
+        self._deadline_ns += period_ns
         deadline.tv_sec = self._deadline_ns // 1_000_000_000
         deadline.tv_nsec = self._deadline_ns % 1_000_000_000
         # A signal ends the sleep early. Since the deadline is absolute, the sleep is simply repeated.
@@ -58,10 +76,10 @@ cdef class RealtimeClock(CycleClock):
         if error != 0:
             return -error
         late_ns = monotonic_ns() - self._deadline_ns
-        if late_ns > self._period_ns:
-            missed = late_ns // self._period_ns
+        if late_ns > period_ns:
+            missed = late_ns // period_ns
             self.overruns += missed
-            self._deadline_ns += missed * self._period_ns
+            self._deadline_ns += missed * period_ns
         return late_ns
 
 
@@ -73,11 +91,11 @@ cdef class FastClock(CycleClock):
     def __init__(self, double period_s):
         self._real = RealtimeClock(period_s)
 
-    cdef long long c_wait(self, bint moving) noexcept nogil:
+    cdef long long c_wait(self, bint moving, bint planned) noexcept nogil:
         if moving:
             self._real._deadline_ns = 0  # when the arm is next at rest, deadlines are counted from that time
             return 0
-        return min(self._real.c_wait(False), 0)
+        return min(self._real.c_wait(False, False), 0)
 
 
 cdef class Pace:

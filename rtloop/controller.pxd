@@ -9,7 +9,7 @@ cdef class Controller(ModeMachine):
     cdef readonly int slot
     cdef public bint stale
     cdef object _device, _output, _pull_block, _backend_of_arm
-    cdef public object start_position
+    cdef public object start_position, cycle_clock
     cdef double _service_timeout_s
 
     cdef void c_update(self, Measured measured, long long now_ns, double robot_time_s, bint fresh) except *

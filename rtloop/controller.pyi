@@ -3,6 +3,7 @@ from cobot.ipc.shm import RobotMemory
 from cobot.robot.model import RobotModel
 from cobot.types import Array
 from rtloop.backends import Backend, Measured
+from rtloop.clock import CycleClock
 from rtloop.device import DeviceWatch
 from rtloop.mode_machine import ModeMachine
 from rtloop.tool_and_scene import ToolAndScene
@@ -10,6 +11,7 @@ from rtloop.tool_and_scene import ToolAndScene
 class Controller(ModeMachine):
     stale: bool
     start_position: Array | None
+    cycle_clock: CycleClock
 
     def __init__(
         self,

@@ -16,6 +16,7 @@ from cobot.types import RESTING, LoopMode
 from rtloop.mode_machine import OVERTAKEN
 from rtloop.planned.loading import RefusedError
 from rtloop.results import ACCEPTED, LATER, Rejected
+from rtloop.time_factor import time_factor_refusal
 
 # For clients that want to stream.
 UNACKNOWLEDGED = (
@@ -36,6 +37,7 @@ cdef class Controller(ModeMachine):
         slot: the slot of the current motion.
         stale: set by the loop; whether the measured values no longer change although the arm is moving.
         start_position: set by the loop; start position of a simulated arm, shape (dof,), rad.
+        cycle_clock: set by the loop; the clock that starts the cycles.
     """
 
     def __init__(self, settings, model, memory, backend, device):
@@ -185,6 +187,15 @@ cdef class Controller(ModeMachine):
             self._backend_of_arm.read(measured)
             self.start_at(measured.position)
         return result
+
+    def _set_time_factor(self, command, Measured measured, bint fresh):
+        """Change the time factor of a simulation, also during a motion: the commands do not depend on it."""
+        factor = float(command["value"])
+        refusal = time_factor_refusal(self._backend_of_arm, self.cycle_clock, factor)
+        if refusal:
+            return Rejected(refusal)
+        self.cycle_clock.scale(factor)
+        return ACCEPTED
 
     def _pull(self, command, Measured measured, bint fresh):
         """Pull the simulated arm. Rejected unless it is being guided by hand."""
@@ -345,6 +356,7 @@ HANDLERS = {
     Command.RESET_CELL: Controller._reset_cell,
     Command.RESTART: Controller._restart,
     Command.PULL: Controller._pull,
+    Command.TIME_FACTOR: Controller._set_time_factor,
 }
 """The method for each kind of command. Its arguments are the command, the measured values, and whether they
 are new.

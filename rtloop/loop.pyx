@@ -24,6 +24,7 @@ from rtloop.device import DeviceWatch
 from rtloop.device_limits import device_limits, narrowed, slowed
 from rtloop.first_contact import first_contact
 from rtloop.last_state import last_state
+from rtloop.time_factor import time_factor_refusal
 
 # Timeout for the arm to be at rest before the process ends, s of robot time.
 END_LIMIT_S = 3.0
@@ -74,6 +75,7 @@ cdef class ControlLoop:
             self._ask_cycles = max(1, round(self._device.period_s / settings.rt.period_s))
         self._last = last_state(memory)
         self.controller = Controller(settings, model, memory, backend, self._device)
+        self.controller.cycle_clock = clock
         self._state = StatePublisher(memory, model)
         self._statistics = Statistics(memory)
         self._is_recorded = recording is not None
@@ -98,6 +100,8 @@ cdef class ControlLoop:
         if last is not None:
             self._cycle = int(last["cycle"])
             self.controller.restore(last)
+            if not time_factor_refusal(self._backend, self._clock, float(last["time_factor"])):
+                self._clock.scale(float(last["time_factor"]))
         if tool.version:
             self.controller.tool_and_scene.carry(tool)
         if before is not None:
@@ -120,7 +124,7 @@ cdef class ControlLoop:
         cdef long long late_ns
         if self._is_paced:
             return self._await_beat()
-        late_ns = self._clock.wait(moving=self.controller.c_moving())
+        late_ns = self._clock.wait(moving=self.controller.c_moving(), planned=self.controller.c_planned())
         return late_ns
 
     def _await_beat(self):
@@ -136,7 +140,7 @@ cdef class ControlLoop:
             self.controller.fault(Reason(words, ReasonCode.NO_PACKETS))
             beaten = False
             with nogil:
-                self._clock.c_wait(False)
+                self._clock.c_wait(False, False)
         now_ns = monotonic_ns()
         if self._pace is not None:
             early_ns = self._pace.c_early(now_ns, beaten)
@@ -177,14 +181,14 @@ cdef class ControlLoop:
     def run(self, ending):
         """Run cycles until `ending` contains a reason and the arm is at rest."""
         cdef long long end_cycle = 0, late_ns
-        cdef bint moving
+        cdef bint moving, planned
         while True:
             if self._is_paced:
                 late_ns = self._await_beat()
             else:
-                moving = self.controller.c_moving()
+                moving, planned = self.controller.c_moving(), self.controller.c_planned()
                 with nogil:
-                    late_ns = self._clock.c_wait(moving)
+                    late_ns = self._clock.c_wait(moving, planned)
             self.c_step(late_ns)
             PyErr_CheckSignals()
             if ending:
@@ -341,6 +345,7 @@ cdef class ControlLoop:
         """Publish the measured values of this cycle, and the resulting command."""
         self._scalars.cycle = self._cycle
         self._scalars.robot_time_s = robot_time_s
+        self._scalars.time_factor = self._clock.factor
         self.controller.c_describe(&self._scalars)
         self._state.c_heed_gripper(&self._scalars)
         self._scalars.overruns = self._clock.overruns

@@ -31,6 +31,7 @@ from rtloop.clock import CycleClock, FastClock, RealtimeClock
 from rtloop.device_limits import device_limits, differences
 from rtloop.loop import ControlLoop
 from rtloop.realtime import Permissions, freeze_garbage, prepare
+from rtloop.time_factor import time_factor_refusal
 
 INFO_LIMITS = ("min_position", "max_position", "max_velocity", "max_acceleration", "max_jerk", "max_effort")
 
@@ -61,6 +62,7 @@ def main() -> int:
             settings = load_settings(arguments.config).of(arguments.robot)
             limits = load_robot(settings).limits
             backend = make_backend(settings, limits)
+            clock_of(backend, arguments.clock or settings.rt.clock, 1.0, settings.rt.time_factor)
             words = f"{settings.robot.backend.type}: {capabilities_of(backend).words}"
             theirs = device_limits(backend, limits)
             less = differences(limits, theirs) if theirs is not None else []
@@ -93,7 +95,7 @@ def _run(settings: Settings, clock_name: str | None) -> None:
     robot = load_robot(settings)
     memory = RobotMemory.attach(settings.robot.name, MemoryRole.RTLOOP)
     backend = make_backend(settings, robot.limits)
-    clock = clock_of(backend, clock_name, rt.period_s)
+    clock = clock_of(backend, clock_name, rt.period_s, rt.time_factor)
     loop = ControlLoop(settings, robot.model, memory, backend, clock, _recording(settings.robot.name))
     granted: list[Permissions] = []
 
@@ -116,10 +118,18 @@ def _run(settings: Settings, clock_name: str | None) -> None:
         memory.close()
 
 
-def clock_of(backend: Backend, name: str, period_s: float) -> CycleClock:
-    """Return the clock with this name. Real hardware always gets the real-time clock."""
+def clock_of(backend: Backend, name: str, period_s: float, factor: float = 1.0) -> CycleClock:
+    """Return the clock with this name. Real hardware always gets the real-time clock.
+
+    Raises:
+        ConfigError: this backend or clock cannot have this time factor.
+    """
     hurries = name == "fast" and not capabilities_of(backend).hardware
-    return FastClock(period_s) if hurries else RealtimeClock(period_s)
+    clock = FastClock(period_s) if hurries else RealtimeClock(period_s)
+    if refusal := time_factor_refusal(backend, clock, factor):
+        raise ConfigError(f"rt.time_factor is {factor:g}, but {refusal}")
+    clock.scale(factor)
+    return clock
 
 
 def _recording(robot: str) -> RecordingMemory | None:

@@ -41,6 +41,7 @@ cdef class ModeMachine:
     cdef double _yield_rad, _tracking_error_rad, _settle_position_rad
 
     cdef bint c_moving(self) noexcept nogil
+    cdef bint c_planned(self) noexcept nogil
     cdef bint c_switches_off(self) noexcept nogil
     cdef bint c_streams(self) noexcept nogil
     cdef void c_guide(self, Measured measured, long long now_ns, double robot_time_s, bint fresh) except *

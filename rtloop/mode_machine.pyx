@@ -192,6 +192,10 @@ cdef class ModeMachine:
             or (self.streaming.session != 0 and not self.c_streams())
         )
 
+    cdef bint c_planned(self) noexcept nogil:
+        """Whether a planned motion runs that is not being stopped."""
+        return self._mode == TRAJECTORY
+
     cdef bint c_switches_off(self) noexcept nogil:
         """Whether to switch the drives off in this cycle. Call it once per cycle."""
         cdef bint moved = self._guide != NOTHING and self._guide != COAST and self._guide != HAND

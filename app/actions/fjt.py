@@ -244,7 +244,7 @@ class FollowJointTrajectory:
 
     async def _watch(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory, handle: GoalHandle) -> None:
         """Send feedback to the client, and end the motion if it leaves the tolerances."""
-        begun_s, paused_s = self._link.clock.now_s(), claim.speed_override.paused_s
+        begun_s, held_up_s = self._link.clock.now_s(), claim.speed_override.held_up_s
         latest_s = self._latest_s(goal, trajectory)
         for turn in itertools.count():
             with contextlib.suppress(CobotError):
@@ -256,7 +256,7 @@ class FollowJointTrajectory:
                     if turn % FEEDBACK_EVERY == 0:
                         handle.feedback(progress.feedback(self._limits.names))
                     elapsed_s = (
-                        self._link.clock.now_s() - begun_s - (claim.speed_override.paused_s - paused_s)
+                        self._link.clock.now_s() - begun_s - (claim.speed_override.held_up_s - held_up_s)
                     )
                     if elapsed_s > latest_s and self._under_way(goal, trajectory, state):
                         claim.interrupt(GoalViolated(goal.late(trajectory.duration_s)))

@@ -23,7 +23,7 @@ from cobot.config.values import (
     RobotName,
     ZenohEndpoint,
 )
-from cobot.types import MAX_BUDGET_S, PlannerName
+from cobot.types import MAX_BUDGET_S, TIME_FACTORS, PlannerName
 
 
 class RobotSection(Section):
@@ -42,6 +42,7 @@ class RobotSection(Section):
 
 class RtSection(Section):
     clock: Literal["realtime", "fast"]
+    time_factor: Annotated[float, Field(ge=TIME_FACTORS[0], le=TIME_FACTORS[1])]
     period_s: Annotated[float, Field(ge=0.0005, le=0.012)]
     priority: Annotated[int, Field(ge=1, le=98)]
     cpu: Annotated[int, Field(ge=0)] | None

@@ -38,6 +38,7 @@ class Command(IntEnum):
     RESET_CELL = 9  # put the simulated cell back to its state at the start
     RESTART = 10  # put the simulated arm, and its cell, back to the start
     PULL = 11  # pull the simulated arm as the pull block defines
+    TIME_FACTOR = 12  # robot time per wall time while a planned motion of a simulated arm runs
 
 
 class Ack(IntEnum):

@@ -1,10 +1,11 @@
 # Written by `python -m cobot.ipc.generate`; `cobot.ipc.state_fields` describes the fields.
-# Layout version 23, records 58c7390381241139.
+# Layout version 24, records 9f6b8cdbcd731da4.
 from libc.stdint cimport int64_t, uint64_t
 
 cdef struct StateScalars:
     uint64_t cycle
     double robot_time_s
+    double time_factor
     uint64_t mode
     uint64_t settled
     uint64_t motion_id

@@ -17,7 +17,7 @@ import numpy as np
 from cobot.ipc.layout import TEXT, GripperObject, Intervention, MotionResult
 from cobot.types import LoopMode
 
-LAYOUT_VERSION = 23
+LAYOUT_VERSION = 24
 """Version of all records in shared memory. Any change of a record increases it."""
 PER_JOINT = -1
 CYCLE, GRIPPER = "/cycle", "/gripper"
@@ -140,6 +140,9 @@ know is NaN, which becomes null in JSON.
 STATE_FIELDS = (
     StateField("cycle", "u8", "", "Cycle number since rtloop started"),
     StateField("robot_time_s", "f8", "s", "Clock of the robot: number of cycles times the period"),
+    StateField(
+        "time_factor", "f8", "", "Robot time per wall time while a planned motion runs; 1 for a real robot"
+    ),
     StateField("mode", "u8", "", "Mode of rtloop", member=LoopMode, recorded="u1", message=(3, "uint8")),
     StateField(
         "settled",

@@ -13,6 +13,7 @@ from cobot.robot.description import RobotDescription
 from rtloop import main as rtloop
 from rtloop.backends import make_backend
 from rtloop.backends.cell import CellBackend
+from rtloop.clock import RealtimeClock
 
 THE_CELL = f"cell: {EXAMPLE}"
 """The key of the section `robot`, as `cobot run --cell` sets it."""
@@ -30,7 +31,8 @@ class ServiceOfPlant(VirtualService):
         assert isinstance(made, CellBackend)
         self.plant = made
         tool = rtloop._load_tool(settings, robot)
-        rig = self._rig_with(made, "mujoco", settings, robot, capacity, tool=tool)
+        clock = RealtimeClock(settings.rt.period_s)
+        rig = self._rig_with(made, "mujoco", settings, robot, capacity, tool=tool, clock=clock)
         rig.loop.controller.tool_and_scene.watch_scene()
         rtloop.describe(rig.memory, robot, made)  # with the version of the scene
         return rig

@@ -107,8 +107,8 @@ class Rig:
         self.memory = memory or RobotMemory.create(unique_name(), robot.limits.dof, rt.period_s, CAPACITY)
         self.loopback = Loopback(robot.limits.dof)
         backend = backend or (self.simulation if simulated else self.loopback)
-        clock = clock or FastClock(rt.period_s)
-        self.loop = ControlLoop(self.settings, robot.model, self.memory, backend, clock, recording)
+        self.clock = clock or FastClock(rt.period_s)
+        self.loop = ControlLoop(self.settings, robot.model, self.memory, backend, self.clock, recording)
         self.home = np.array(robot.positions["home"].joints)
         self.loop.open(self.home if start is None else start, tool)
         if acknowledged:

@@ -31,7 +31,9 @@ from cobot.config import Settings, load_settings
 from cobot.ipc.shm import RobotMemory
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.robot.scene import Scene
+from cobot.types import LoopMode
 from rtloop import main as rtloop
+from rtloop.clock import RealtimeClock
 from rtloop.realtime import Permissions
 
 Result = TypeVar("Result")
@@ -89,6 +91,7 @@ class Cycle:
         self._virtual = np.zeros_like(self._real)
         self._beat_ns = 0
         self._beat_sequence = -1
+        self._owed = 0.0
         self._beat = loop.every(rig.settings.rt.period_s, self._step)
 
     _STAMPS = ("monotonic_ns", "measured_monotonic_ns", "deceleration_monotonic_ns", "intervened_ns")
@@ -97,7 +100,12 @@ class Cycle:
         self._beat.close()
 
     def _step(self) -> None:
-        if not self.stopped:
+        """As many cycles as rtloop's clock would start in this period."""
+        if self.stopped:
+            return
+        self._owed += self.rig.clock.factor if self.rig.mode is LoopMode.TRAJECTORY else 1.0
+        while self._owed >= 1.0:
+            self._owed -= 1.0
             self._pass_heartbeat()
             self.rig.step()
             self._pass_state()
@@ -177,7 +185,9 @@ class VirtualService:
         name, period_s = settings.robot.name, settings.rt.period_s
         url = f"{URL}/robots/{name}" if several else URL
         memory = RobotMemory.create(name, robot.limits.dof, period_s, capacity, url)
-        rig = Rig(settings, robot, simulated=True, memory=memory)
+        clock = RealtimeClock(period_s)  # which nothing waits for here
+        clock.scale(settings.rt.time_factor)
+        rig = Rig(settings, robot, simulated=True, memory=memory, clock=clock)
         permissions = Permissions(sched_fifo=False, memory_locked=False, refused="not asked for")
         rtloop._introduce(memory, settings, "virtual", permissions)
         rtloop.describe(memory, robot, rig.simulation)

@@ -1,4 +1,4 @@
-"""The simulation: its cell with parts and switches, and its restart."""
+"""The simulation: its cell with parts and switches, its restart, and its time factor."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Annotated, Self
 
 from fastapi import Query, Request, Response
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.costly import costly_turn
 from app.api.dependencies import Call
@@ -18,6 +18,8 @@ from app.api.schemas.robot import ResetAnswer
 from app.services.state.cell import CellService
 from cobot.access.roles import Role
 from cobot.cell import CellPart
+from cobot.loose_lists import RequestModel
+from cobot.types import TIME_FACTORS
 
 router = EndpointRouter(tags=["cell"])
 
@@ -46,6 +48,27 @@ class PartAnswer(BaseModel):
     mass_kg: float = Field(description="kg")
     position: list[float] = Field(description="Position of the part's centre in the base frame: x, y, z, m.")
     quaternion: list[float] = Field(description="Orientation in the base frame: x, y, z, w.")
+
+
+class TimeFactorBody(RequestModel):
+    """A new time factor."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"factor": 0.5}]})
+
+    factor: float = Field(
+        ge=TIME_FACTORS[0],
+        le=TIME_FACTORS[1],
+        allow_inf_nan=False,
+        description="Robot time per wall time while a planned motion runs: 0.5 is slow motion.",
+    )
+
+
+class TimeFactorAnswer(BaseModel):
+    """The time factor of the simulation."""
+
+    factor: float = Field(
+        description="Robot time per wall time while a planned motion runs. A real robot has 1."
+    )
 
 
 class CellAnswer(BaseModel):
@@ -136,3 +159,27 @@ async def reset_simulation(request: Request) -> ResetAnswer:
     """
     await Call(request).services.simulation.reset()
     return ResetAnswer(success=True, message="the simulation restarts")
+
+
+@router.endpoint("GET /robot/simulation/time_factor", Role.OBSERVER, timeout_s=1.5, responses=responses(503))
+async def time_factor(request: Request) -> TimeFactorAnswer:
+    """The time factor of the simulation: how much faster than real time planned motions run."""
+    return TimeFactorAnswer(factor=Call(request).services.link.state().time_factor)
+
+
+@router.endpoint(
+    "POST /robot/simulation/time_factor",
+    Role.OPERATOR,
+    timeout_s=5.0,
+    control=True,
+    responses=responses(409, 501, 503),
+)
+async def set_time_factor(body: TimeFactorBody, request: Request) -> TimeFactorAnswer:
+    """Set the time factor of the simulation, for the current motion and all later ones.
+
+    Only the time between two cycles changes, not the commands to the arm. At rest, during a stop and in
+    streaming sessions the simulation runs in real time. Rejected with 409 while another client is moving the
+    arm or has control, and with 501 on a real robot.
+    """
+    await Call(request).services.simulation.set_time_factor(body.factor)
+    return TimeFactorAnswer(factor=body.factor)

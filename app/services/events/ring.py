@@ -40,6 +40,7 @@ TYPES = {
     "job": "a job has changed its state",
     "plan": "a plan was made, was approved for an agent, or its approval was withdrawn",
     "speed": "the speed override has changed",
+    "time_factor": "the time factor of a simulation has changed",
     "scene": "the scene has changed",
     "tool": "the tool has changed",
     "gripper": "the gripper has grasped, released or lost an object",

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import logging
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,7 @@ from app.services.rights.claims import Caller, Claim
 from app.services.rights.job import JobKind
 from app.services.rights.speed_override import SpeedOverride
 from app.services.rights.stop_reason import StopReason
-from cobot.errors import CobotError
+from cobot.errors import CobotError, ConflictError
 from cobot.motions.requests import MotionRequest, RatedMove
 from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName, Scaling
@@ -66,7 +66,8 @@ class EqualMotions:
         have begun.
 
         Raises:
-            ConflictError, NotReadyError, UnavailableError: one of the robots cannot move. No robot has moved.
+            ConflictError, NotReadyError, UnavailableError: one of the robots cannot move, or the time factors
+                of simulated robots differ. No robot has moved.
             PlanningError: the motion of one robot cannot be planned. No robot has moved.
             ExecutionError: one of the motions was rejected or stopped. All robots have been stopped.
         """
@@ -81,6 +82,7 @@ class EqualMotions:
                 owned = await self._robots[name].ownership.claim_motion(self._caller(name))
                 claims[name] = stack.enter_context(owned)
             ways = await self._ways(targets, claims)
+            self._require_one_time(ways)
             moving = {name: claims[name] for name in ways}
             starts = [self._robots[name].motion.start(claims[name], way) for name, way in ways.items()]
             stack.enter_context(_in_step([claim.speed_override for claim in moving.values()]))
@@ -101,6 +103,15 @@ class EqualMotions:
     def close(self) -> None:
         for task in self._following.values():
             task.cancel()
+
+    def _require_one_time(self, robots: Iterable[str]) -> None:
+        factors = {name: self._robots[name].link.time_factor for name in robots}
+        if len(set(factors.values())) > 1:
+            each = ", ".join(f"{name} {factor:g}" for name, factor in factors.items())
+            raise ConflictError(
+                f"the time factors of the robots differ ({each}), so they would not move together; set the "
+                "same factor for all of them"
+            )
 
     async def _ways(self, targets: dict[str, RobotTarget], claims: dict[str, Claim]) -> dict[str, Trajectory]:
         """Plan the motions of all robots that are not at their targets yet. Each motion is stretched to the

@@ -157,7 +157,8 @@ class RetargetService:
         except CobotError:
             return None
         way = replace(goal, goal=under_way.end, planner=PlannerName.OMPL, in_tool=False)
-        work = self._task(claim, under_way, way, within_s + MIN_LEAD_S, partial(lead_around, free_s=free_s))
+        lead_s = within_s * self._link.hurry + MIN_LEAD_S
+        work = self._task(claim, under_way, way, lead_s, partial(lead_around, free_s=free_s))
         search = asyncio.create_task(self._planning.compute(work, within_s, scene))
         search.add_done_callback(_note)
         return WayAround(claim, job, self._link.clock.now_s(), search)
@@ -224,7 +225,7 @@ class RetargetService:
             work = self._task(claim, claim.trajectory, goal, lead_s, change_goal)
             found = await claim.run_interruptibly(self._planning.compute(work, left_s))
             took_s = self._link.clock.now_s() - planned_s
-            lead_s = self._lead_s = min(2.0 * took_s + MIN_LEAD_S, MAX_LEAD_S)
+            lead_s = self._lead_s = min(2.0 * took_s * self._link.hurry + MIN_LEAD_S, MAX_LEAD_S)
             try:
                 await self._hand_over(claim, job, found, planned_s)
             except ConflictError:

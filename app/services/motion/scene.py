@@ -422,7 +422,8 @@ class SceneService:
 
     def _free_s(self, remaining: _Remaining) -> float:
         """How much of the remaining motion must be free for a search of a path around an object, s."""
-        return min(self._replan_within_s + STOPS_WITHIN_S, remaining.left.duration_s)
+        within_s = self._replan_within_s * self._link.hurry
+        return min(within_s + STOPS_WITHIN_S, remaining.left.duration_s)
 
     def _placed(self, scene: Scene, pose: Numbers7, frame: str) -> Numbers7:
         """Convert a pose to the base frame. `frame` may have been made by the same change."""

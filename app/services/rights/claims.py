@@ -164,12 +164,13 @@ def watching(claim: Claim, caller: Caller) -> Iterator[None]:
     """While the context is open, interrupt the motion or its planning if the client disconnects or the
     timeout passes.
 
-    The timeout is for full speed, and is extended while the motion is slowed down or paused.
+    The timeout is for full speed, and is extended while the motion is slowed down or paused, and in the slow
+    motion of a simulation.
     """
     begun_s, before_s = claim.clock.now_s(), claim.speed_override.delays_s()
 
     def left_s() -> float:
-        paused_s, slowed_s = claim.speed_override.delays_s()
+        paused_s, slowed_s, _ = claim.speed_override.delays_s()
         longer_s = min(paused_s - before_s[0], MAX_PAUSE_S) + slowed_s - before_s[1]
         return begun_s + caller.timeout_s + longer_s - claim.clock.now_s()
 

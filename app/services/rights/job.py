@@ -307,7 +307,7 @@ class Job:
             state = self.link.state()
             if state.motion_id == self.motion_id and self._part_s is None:
                 self._path_time_s = state.path_time_s
-        fraction = self._override.fraction
+        fraction = self._override.fraction * self.link.time_factor
         left_s = max(whole_s - self._path_time_s, 0.0)
         share = min(self._path_time_s / whole_s, 1.0) if whole_s > 0.0 else 1.0
         return share, left_s / fraction if fraction > 0.0 else None

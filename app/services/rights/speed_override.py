@@ -46,7 +46,7 @@ class SpeedOverride:
         self._asked = False
         self.fraction = 1.0
         self._paused_s = 0.0
-        self._slowed_s = 0.0
+        self._slowed_s = self._stretched_s = 0.0
         self._since_s = link.clock.now_s()
         self._restoring: asyncio.Task[None] | None = None
         self.opened = asyncio.Event()
@@ -64,14 +64,41 @@ class SpeedOverride:
         """Total duration of all pauses, including the current pause, s."""
         return self.delays_s()[0]
 
-    def delays_s(self) -> tuple[float, float]:
-        """Return the duration of all pauses, including the current one, and the time that motions have lost
-        outside pauses because the fraction was below 1, both in s.
+    @property
+    def held_up_s(self) -> float:
+        """Total duration of all pauses, and the time that motions have lost otherwise because the time factor
+        was below 1, s.
+        """
+        paused_s, _, stretched_s = self.delays_s()
+        return paused_s + stretched_s
+
+    def delays_s(self) -> tuple[float, float, float]:
+        """Return three times, s. The first is the duration of all pauses, including the current one. The
+        second is the time that motions have lost outside pauses because the fraction or the time factor was
+        below 1. The third is the part of it that they would have lost at a fraction of 1.
         """
         lasts_s = self._link.clock.now_s() - self._since_s
         if self.paused:
-            return self._paused_s + lasts_s, self._slowed_s
-        return self._paused_s, self._slowed_s + (1.0 - self.fraction) * lasts_s
+            return self._paused_s + lasts_s, self._slowed_s, self._stretched_s
+        factor = min(self._link.time_factor, 1.0)
+        slowed_s, stretched_s = (1.0 - self.fraction * factor) * lasts_s, (1.0 - factor) * lasts_s
+        return self._paused_s, self._slowed_s + slowed_s, self._stretched_s + stretched_s
+
+    async def set_time_factor(self, factor: float) -> None:
+        """Set the time factor of the simulation, for the current motion and all later ones.
+
+        Raises:
+            ConflictError: the robot is moving together with other robots, or cannot have this factor.
+            UnavailableError: rtloop does not answer.
+        """
+        if self.others:
+            raise ConflictError("the time factor cannot be changed during a synchronous motion")
+        self._account()
+        try:
+            await self._link.commands.set_time_factor(factor)
+        except ExecutionError as exc:
+            raise ConflictError(str(exc)) from exc
+        self._link.events.publish("time_factor", factor=factor)
 
     async def set_fraction(self, fraction: float) -> None:
         """Set the fraction for the current motion and all later ones.
@@ -143,10 +170,11 @@ class SpeedOverride:
         await self._apply()
         if self.follows_stream:
             return
-        deadline_s = self._link.clock.now_s() + REST_TIMEOUT_S
+        timeout_s = REST_TIMEOUT_S / min(self._link.time_factor, 1.0)
+        deadline_s = self._link.clock.now_s() + timeout_s
         while not self._rests():
             if self._link.clock.now_s() > deadline_s:
-                raise ExecutionError(f"the arm has not come to rest on its path within {REST_TIMEOUT_S:g} s")
+                raise ExecutionError(f"the arm has not come to rest on its path within {timeout_s:g} s")
             await asyncio.sleep(POLL_S)
 
     async def resume(self) -> None:
@@ -187,7 +215,7 @@ class SpeedOverride:
 
     def _account(self) -> None:
         """Add the time since the last change to the totals. Call this before each change."""
-        self._paused_s, self._slowed_s = self.delays_s()
+        self._paused_s, self._slowed_s, self._stretched_s = self.delays_s()
         self._since_s = self._link.clock.now_s()
 
     async def begin_motion(self) -> None:

@@ -135,7 +135,8 @@ class Commands:
                 stops=stops,
                 value=offset_s,
                 tool=tool,
-                timeout_s=ACKNOWLEDGE_S + loading_s(trajectory.segments, self._memory.period_s),
+                timeout_s=ACKNOWLEDGE_S
+                + loading_s(trajectory.segments, self._memory.period_s) / min(self._link.time_factor, 1.0),
             )
             self._slot, self.handed_over = number, (self._last_motion, trajectory)
 
@@ -234,6 +235,16 @@ class Commands:
         """
         async with self._turn:
             await self._send(Command.RESTART, stops=self._link.stops)
+
+    async def set_time_factor(self, factor: float) -> None:
+        """Set the robot time per wall time while a planned motion of a simulated arm runs.
+
+        Raises:
+            ExecutionError: rtloop rejects the factor; the error gives the reason.
+            UnavailableError: rtloop does not answer.
+        """
+        async with self._turn:
+            await self._send(Command.TIME_FACTOR, stops=self._link.stops, value=factor)
 
     async def pull(self, link: str, point: Sequence[float] = (), target: Sequence[float] = ()) -> None:
         """Pull the simulated arm at a point of a link towards a target; without a link, release it.

@@ -107,6 +107,21 @@ class RobotLink:
         self.motions.look(state)
         return state
 
+    @property
+    def time_factor(self) -> float:
+        """Robot time per wall time while a planned motion runs; 1 if rtloop's state cannot be read."""
+        try:
+            return self.state().time_factor
+        except UnavailableError:
+            return 1.0
+
+    @property
+    def hurry(self) -> float:
+        """The maximum path time that passes per second in which a motion is planned: 1, or the time factor of
+        a simulation that is faster than real time.
+        """
+        return max(self.time_factor, 1.0)
+
     def silence(self, state: RobotState) -> str:
         """Return the reason why this state is out of date; "" while rtloop is alive.
 

@@ -66,6 +66,7 @@ class RobotState:
     mode, settled, motion_result = _Scalar(LoopMode), _Scalar(bool), _Scalar(MotionResult)
     cycle, motion_id, session, stops_seen = _Scalar(int), _Scalar(int), _Scalar(int), _Scalar(int)
     path_time_s, path_duration_s, path_rate = _Scalar(float), _Scalar(float), _Scalar(float)
+    time_factor = _Scalar(float)
     points_taken, points_dropped, points_buffered = _Scalar(int), _Scalar(int), _Scalar(int)
     underruns, overruns, torn_reads = _Scalar(int), _Scalar(int), _Scalar(int)
 

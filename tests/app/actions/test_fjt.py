@@ -401,6 +401,19 @@ def test_a_goal_is_followed_through_its_points_and_told_about(stand: Stand) -> N
     stand.run(live())
 
 
+def test_a_goal_is_not_late_in_the_slow_motion_of_a_simulation(stand: Stand) -> None:
+    """It takes eight seconds of the clock of the service, which would be five too many."""
+
+    async def live() -> None:
+        stand.rig.clock.scale(0.25)
+        message = stand.to(0.2, 2.0, goal_time_tolerance=duration(1.0))
+        begun_s, result = stand.clock.now_s(), await stand.send(message, Handle())
+        assert result == {"error_code": 0, "error_string": ""}
+        assert stand.clock.now_s() - begun_s > 7.9
+
+    stand.run(live())
+
+
 def test_feedback_holds_desired_actual_and_error(stand: Stand) -> None:
     async def live() -> None:
         handle = Handle()

@@ -318,7 +318,8 @@ class QueueMotion:
         try:
             longer = await self._longer(claim, stretch, legs, radii, times_s)
             planned_s = self._link.clock.now_s()
-            self._lead_s = min(max(2.0 * (planned_s - begun_s) + 0.1, MIN_LEAD_S), MAX_LEAD_S)
+            took_s = (planned_s - begun_s) * self._link.hurry
+            self._lead_s = min(max(2.0 * took_s + 0.1, MIN_LEAD_S), MAX_LEAD_S)
             if longer is None or not line.take(chain):
                 return
             self._joining = list(chain)

@@ -48,6 +48,13 @@ def reset(link: Link, in_use: str = "") -> None:
     asyncio.run(SimulationService(link, ownership, cell).reset())  # type: ignore[arg-type]
 
 
+def test_a_real_arm_has_no_time_factor() -> None:
+    ownership: Any = SimpleNamespace()
+    service = SimulationService(Link(device(hardware=True)), ownership, SimpleNamespace())  # type: ignore[arg-type]
+    with pytest.raises(NotSupportedError, match="only a simulation has a time factor, but the backend arm"):
+        asyncio.run(service.set_time_factor(0.5))
+
+
 def test_an_e_stop_is_cleared_and_the_arm_is_put_back() -> None:
     link = Link(device(hardware=False))
     reset(link)

@@ -197,6 +197,27 @@ def test_a_robot_at_half_its_speed_has_the_other_one_take_twice_as_long(pair: Pa
     asyncio.run(live())
 
 
+def test_robots_whose_simulations_run_at_different_speeds_do_not_move_together(pair: Pair) -> None:
+    async def live() -> None:
+        pair.rigs[LEFT].clock.scale(0.5)
+        pair.rigs[LEFT].step()
+        targets = pair.sync.targets((LEFT, RIGHT), pair.away + pair.away, 2.0, 1.0)
+        with pytest.raises(ConflictError, match=r"differ \(left 0.5, right 1\)"):
+            await pair.done(pair.sync.move(targets))
+        assert not pair.moved(LEFT)
+        assert not pair.moved(RIGHT)
+        pair.rigs[RIGHT].clock.scale(0.5)
+        pair.rigs[RIGHT].step()
+        await pair.done(pair.sync.move(targets))
+        with pytest.raises(ConflictError, match="cannot be changed during a synchronous motion"):
+            await pair.sync.robots[LEFT].ownership.speed_override.set_time_factor(1.0)
+        await pair.done(pair.sync.wait((LEFT, RIGHT)))
+        assert pair.moved(LEFT)
+        assert pair.moved(RIGHT)
+
+    asyncio.run(live())
+
+
 def test_a_pause_of_one_during_the_motion_is_one_of_both(pair: Pair) -> None:
     async def live() -> None:
         override = pair.sync.robots[LEFT].ownership.speed_override

@@ -54,7 +54,7 @@ class Link:
         self.clock = SimpleNamespace(now_s=lambda: 1.0, wall_ns=lambda: round(wall_s * 1e9))
         self.heartbeat = SimpleNamespace(require_awake=lambda: None)
         self.motion = 0
-        self.path_time_s = 0.0
+        self.path_time_s, self.time_factor = 0.0, 1.0
 
     def streamer(self) -> None:
         return None

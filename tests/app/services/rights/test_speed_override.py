@@ -196,6 +196,25 @@ def test_the_time_of_a_slow_motion_goes_on_as_slowly(bench: Bench) -> None:
     asyncio.run(check())
 
 
+def test_the_timeout_of_a_motion_is_longer_in_the_slow_motion_of_a_simulation(bench: Bench) -> None:
+    """Oracle: the product of both shares, of the clock of the service. A faster simulation changes none."""
+
+    async def check() -> None:
+        override, caller = bench.ownership.speed_override, bench.caller(100.0)
+        with bench.ownership.claim(caller) as claim, watching(claim, caller):
+            for factor, fraction, share in ((0.1, 1.0, 0.1), (0.25, 0.5, 0.125), (4.0, 1.0, 1.0)):
+                await bench.during(override.set_fraction(fraction))
+                override._account()
+                bench.rig.clock.scale(factor)
+                bench.rig.step()
+                begun_s, left_s = claim.clock.now_s(), claim.left_s()
+                await asyncio.sleep(0.2)
+                passed_s = claim.clock.now_s() - begun_s
+                assert left_s - claim.left_s() == pytest.approx(share * passed_s, abs=0.01)
+
+    asyncio.run(check())
+
+
 def test_a_fraction_of_the_speed_counts_for_motions_that_begin_later(bench: Bench) -> None:
     async def check() -> None:
         rig, override = bench.rig, bench.ownership.speed_override
