@@ -244,7 +244,7 @@ class Panel {
   }
 
   hear(event) {
-    const heard = [this.job, this.queue, this.approvals, this.motions, this.lua, this.run, this.runNow, this.names, this.recordings, this.log, this.status, this.setup, this.way, this.stored];
+    const heard = [this.job, this.queue, this.approvals, this.motions, this.lua, this.run, this.runNow, this.names, this.recordings, this.log, this.status, this.setup, this.way, this.stored, this.simulation];
     for (const each of [...heard, this.halt, this.parts]) each.hear(event);
     if (LOOKED_AT.includes(event.type)) this.lookAgain();
   }

@@ -321,3 +321,30 @@ def test_a_backup_is_downloaded_and_staged_and_a_bundle_made(
     shows(panel, "#support-why", "is downloaded")
     with zipfile.ZipFile(bundle) as files:
         assert {"health.json", "jobs.json", "settings.yaml"} <= set(files.namelist())
+
+
+def test_planned_motions_run_in_slow_motion_and_the_head_of_the_page_shows_it(
+    panel: Panel, http: httpx.Client
+) -> None:
+    """Oracle: GET /robot/simulation/time_factor."""
+    path = "/robot/simulation/time_factor"
+    badge = "document.querySelector('#simulation').textContent"
+    pressed = "document.querySelector('#time-factor :checked')?.value"
+    panel.page.click("#tab-setup")
+    panel.page.click("#tab-robot")
+    panel.until(f"{badge} === 'Simulation' && {pressed} === '1'")
+    panel.page.click("#time-factor label:nth-child(1)")
+    panel.until(f"{badge} === 'Simulation × 0.25'")
+    assert http.get(path).json() == {"factor": 0.25}
+    http.post(path, json={"factor": 3.0}).raise_for_status()  # for which there is no button
+    panel.until(f"{badge} === 'Simulation × 3' && {pressed} === undefined")
+    token = http.post("/robot/control", json={"timeout_s": 60}).json()["token"]
+    panel.page.click("#time-factor label:nth-child(5)")
+    shows(panel, "#simulation-why", "control")
+    panel.until(f"{pressed} === undefined")
+    forget(panel, "409")
+    http.delete("/robot/control", headers={"X-Control-Token": token}).raise_for_status()
+    panel.page.click("#time-factor label:nth-child(3)")
+    panel.until(f"{badge} === 'Simulation' && {pressed} === '1'")
+    assert http.get(path).json() == {"factor": 1.0}
+    panel.page.click("#tab-tool")
