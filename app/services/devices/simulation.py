@@ -68,7 +68,7 @@ class SimulationService:
         """Return the name of the backend if it moves a real arm; otherwise "".
 
         Raises:
-            ConflictError: this is unknown. The arm may be real, and then its e-stop must stay latched.
+            ConflictError: this is unknown. The arm may be real. Its e-stop must then stay latched.
         """
         named = self._link.device()
         if named is None:
