@@ -24,7 +24,7 @@ UNACKNOWLEDGED = (
     "then POST /robot/acknowledge"
 )
 # For requests to change the motion of a device that executes motions autonomously.
-BY_ITSELF = "the device moves by itself along whole motions: on its way it can be stopped, not {}"
+BY_ITSELF = "the device executes whole motions itself: during a motion it can be stopped, but not {}"
 
 cdef int TRAJECTORY = LoopMode.TRAJECTORY
 
@@ -260,7 +260,7 @@ cdef class Controller(ModeMachine):
 
     def _swap(self):
         """Continue on the loaded trajectory, if possible."""
-        result = Rejected("the motion has ended meanwhile")
+        result = Rejected("the motion has already ended")
         if self._guide == PATH:
             result = self.follower.check_continuation(self.handover.path, self.handover.offset_s)
         if result is ACCEPTED:

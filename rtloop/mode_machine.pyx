@@ -27,7 +27,7 @@ from rtloop.modes import STREAMING, TRANSITIONS
 from rtloop.results import ACCEPTED, Rejected
 
 # Reason for commands that a stop has overtaken.
-OVERTAKEN = "a stop was requested meanwhile"
+OVERTAKEN = "a stop has been requested in the meantime"
 
 MODES = tuple(LoopMode)
 cdef int TRAJECTORY = LoopMode.TRAJECTORY

@@ -95,7 +95,7 @@ DESCRIPTIONS = {
     401: "The request has no token, or the token is not valid.",
     403: "The token's role does not permit this; the detail names the role that does.",
     404: "Unknown robot, name or id: see the detail.",
-    409: "Another client moves the arm, or the motion was stopped before it began; see the detail.",
+    409: "Another client is moving the arm, or the motion was stopped before it began; see the detail.",
     412: "Another client has meanwhile changed the resource; the detail names the client and what to do.",
     413: "The body is larger than `web.max_body_bytes` (uploads) or `web.max_json_bytes`.",
     415: "The endpoint does not accept this Content-Type.",

@@ -379,7 +379,7 @@ def _require_no_other_motion(robot: Services) -> None:
     """
     owner = robot.ownership.owner if robot.queue.idle and robot.ownership.in_motion else None
     if owner is not None:
-        raise ConflictError(f"the queue is empty, but {owner} moves the arm; stopJoint stops it")
+        raise ConflictError(f"the queue is empty, but {owner} is moving the arm; stopJoint stops it")
 
 
 def _require_fastest(acceleration: float, limit: float, unit: str) -> None:

@@ -242,7 +242,7 @@ def bind(found: VendorService, arguments: Any) -> dict[str, Any]:
             raise InputError(unknown_key(str(key), names) if names else f"takes no field, got {shown(key)}")
     missing = [f.name for f in found.parameters if f.name not in arguments and f.default is REQUIRED]
     if missing:
-        raise InputError(f"{missing[0]}: is missing; needed are: {', '.join(missing)}")
+        raise InputError(f"{missing[0]}: is missing; required: {', '.join(missing)}")
     return {field.name: argument(field, arguments) for field in found.parameters}
 
 

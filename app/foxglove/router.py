@@ -215,13 +215,13 @@ class _Client:
 def _list(content: dict[str, Any], name: str) -> list[Any]:
     found = content.get(name)
     if not isinstance(found, list):
-        raise InputError(f"{name}: a list is needed")
+        raise InputError(f"{name}: must be a list")
     return found
 
 
 def _number(value: Any, name: str) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= MAX_ID:
-        raise InputError(f"{name}: a whole number from 0 to {MAX_ID} is needed")
+        raise InputError(f"{name}: must be a whole number from 0 to {MAX_ID}")
     return value
 
 
@@ -230,7 +230,7 @@ def _protocol(socket: WebSocket) -> str:
     for each in offered:
         if each in SUBPROTOCOLS:
             return str(each)
-    raise InputError(f"the subprotocol has to be one of {', '.join(SUBPROTOCOLS)}")
+    raise InputError(f"the subprotocol must be one of {', '.join(SUBPROTOCOLS)}")
 
 
 def _rate(socket: WebSocket) -> float:

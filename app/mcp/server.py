@@ -43,13 +43,13 @@ MANUAL = f"""\
 2. plan_to_position, plan_to_joints, plan_to_pose, plan_path and plan_arc answer with a plan_id, the \
 duration, a sampled path, how much of each limit is used and the closest distances. Nothing has moved.
 3. preview draws the plan, rehearse runs it on a simulated copy of the robot and reports the first problem.
-4. execute runs it, if an operator has approved it (each approval is for one run) or if the settings of \
-the robot draw a fence and the plan is within: a box for the TCP, a speed, a payload, planners, hours. The \
-arm has to be where the plan begins; limits, scene and tool have to be as they were.
+4. execute runs it if an operator has approved it (each approval is for one run), or if the robot's \
+settings define a fence and the plan is within it: a box for the TCP, a speed, a payload, planners, hours. \
+The arm must be at the start of the plan, and limits, scene and tool must not have changed.
 5. get_gripper reports what the fingers hold. plan_gripper_move, plan_gripper_grasp, plan_gripper_release \
-and plan_gripper_home answer with a plan_id too; only a plan that an operator has approved commands the \
-gripper, and the arm has to be where it was. A grasp that attaches an object changes the scene: \
-plan the next motion after it.
+and plan_gripper_home also answer with a plan_id. A gripper plan always needs an operator's approval, and \
+the arm must not have moved since. A grasp that attaches an object changes the scene, so plan the next \
+motion after it.
 6. stop stops the arm, stop_gripper the fingers. why_did_it_stop reports why the arm does not move."""
 
 

@@ -43,7 +43,7 @@ def check_agreement(model: RobotModel, joints: Array, flange: Pose) -> Accepted 
         f"the device reports its flange at {_said(flange)} m, but for the same joints the model of "
         f"robot.model has it at {_said(ours)} m: {fixed(1e3 * off_m, 1)} mm and "
         f"{np.degrees(off_rad):.1f} degrees apart, allowed: {1e3 * OFF_M:g} mm and "
-        f"{np.degrees(OFF_RAD):.1f} degrees are allowed. Arm, zero position or base differ; "
+        f"{np.degrees(OFF_RAD):.1f} degrees. The arm, its zero position or its base differ; "
         "robot.backend.check_pose: false disables this check"
     )
 

@@ -32,7 +32,7 @@ cdef class Measured:
         # of the buffer.
         kept, given = getattr(self, name), np.asarray(value)
         if given.shape != kept.shape:
-            raise ValueError(f"measured.{name} is given the shape {given.shape}, it has to be {kept.shape}")
+            raise ValueError(f"measured.{name} is given the shape {given.shape}, expected {kept.shape}")
         kept[...] = given
 
 

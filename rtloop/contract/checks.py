@@ -59,7 +59,7 @@ def values(cell: CheckedBackend) -> str:
         driver.step()
         backend.read(found)
         if found.values is not buffer:
-            raise ContractError("read must write into the arrays that it is given, but it has replaced them")
+            raise ContractError("read must write to the arrays that it is given, but it has replaced them")
         for name in MEASURED_NAMES:
             if not np.isfinite(getattr(found, name)).all():
                 raise ContractError(

@@ -135,7 +135,7 @@ cdef class Session:
         if mode is not LoopMode.HOLD:
             return Rejected(f"the arm is in mode {mode.name}")
         if int(request["stops"]) != stops:
-            return Rejected("a stop was requested meanwhile")
+            return Rejected("a stop has been requested in the meantime")
         if t1_share is not None and t1_share < MIN_SHARE:
             return Rejected(
                 f"the robot is in T1 and permits {t1_share:g} of its speed, "
@@ -193,7 +193,7 @@ cdef class Session:
             self._begin(request, command)
         except BackendError as exc:
             self._client.end()
-            return Rejected(f"the robot cannot give way: {exc}")
+            return Rejected(f"the robot cannot be made compliant: {exc}")
         return ACCEPTED
 
     def _begin(self, request, command):

@@ -118,7 +118,7 @@ def test_neither_a_full_pipe_nor_a_stopped_supervisor_stops_the_stop(stuck: Stuc
     assert stuck.process.wait(WAIT_S) == 0
     assert time.monotonic() - begun_s < SOON_S
     mover.join(WAIT_S)
-    assert "came to rest" in answers[0]["message"], answers
+    assert "the arm stopped" in answers[0]["message"], answers
     until(lambda: not any(each.is_running() and each.status() != psutil.STATUS_ZOMBIE for each in family))
 
     # The file has what the terminal never got: an object in each line, and none that a client has made.

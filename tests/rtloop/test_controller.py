@@ -115,7 +115,7 @@ def test_a_reset_that_a_stop_has_overtaken_is_refused(rig: Rig, kind: str) -> No
         getattr(rig.memory, kind).add()
     else:
         rig.request(kind)
-    assert rig.answer(number) == "a stop was requested meanwhile"
+    assert rig.answer(number) == "a stop has been requested in the meantime"
     assert rig.mode is LoopMode.ESTOP
 
 
@@ -130,7 +130,7 @@ def test_a_stop_from_outside_of_the_service_ends_a_motion_on_its_path(rig: Rig) 
 
 def test_a_motion_that_a_stop_from_outside_has_overtaken_is_refused(rig: Rig) -> None:
     rig.memory.outside_stops.add()
-    assert rig.start(motion(rig)) == "a stop was requested meanwhile"
+    assert rig.start(motion(rig)) == "a stop has been requested in the meantime"
     assert rig.answer(rig.send(Command.START, stops=1, slot=0, motion_id=1)) == ""
 
 
@@ -408,7 +408,7 @@ def test_a_stop_overtakes_a_start(rig: Rig) -> None:
     rig.memory.slots[0].write(1, motion(rig))
     rig.request("stops")
     command = rig.send(Command.START, slot=0, motion_id=1, stops=rig.memory.requests.data["stops"] - 1)
-    assert rig.answer(command) == "a stop was requested meanwhile"
+    assert rig.answer(command) == "a stop has been requested in the meantime"
     assert rig.mode is LoopMode.HOLD
 
 

@@ -188,7 +188,7 @@ def test_while_the_rate_changes_nothing_may_differ_that_this_relies_on(rig: Rig)
         ({"value": 5.0}, "it would begin at 5.0 s of a motion that is at 0.40"),
         ({"value": -1.0}, "it would begin at -1.0 s of a motion"),
         ({"value": float("nan")}, "it would begin at nan s of a motion"),
-        ({"stops": 9}, "a stop was requested meanwhile"),
+        ({"stops": 9}, "a stop has been requested in the meantime"),
     ],
 )
 def test_what_does_not_fit_is_refused_and_the_motion_goes_on(
@@ -235,7 +235,7 @@ def test_one_that_comes_too_late_is_refused(rig: Rig) -> None:
     whole = begun(rig, 100)
     while rig.loop.controller.clock.path_time_s < whole.duration_s - 0.008:
         rig.step()
-    assert replace(rig, long_one(rig, whole)) == "the motion has ended meanwhile"
+    assert replace(rig, long_one(rig, whole)) == "the motion has already ended"
     rig.run()
     assert rig.result is MotionResult.ARRIVED
     np.testing.assert_allclose(rig.commanded[-1], whole.end, atol=1e-12)

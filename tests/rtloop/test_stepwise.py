@@ -77,7 +77,7 @@ def test_a_stop_meanwhile_ends_it(rig: Rig, arm: StepwiseArm) -> None:
     reset = rig.send(Command.RESET)
     rig.step(5)
     rig.request()
-    assert rig.answer(reset) == "a stop was requested meanwhile"
+    assert rig.answer(reset) == "a stop has been requested in the meantime"
     rig.step(200)
     assert rig.mode is LoopMode.FAULT
     assert not arm.enabled
@@ -98,7 +98,7 @@ def test_an_estop_meanwhile_ends_it(rig: Rig, arm: StepwiseArm, latched: str, ou
         rig.memory.outside_estops.add()
     else:
         rig.request("estops")
-    assert rig.answer(reset) == "a stop was requested meanwhile"
+    assert rig.answer(reset) == "a stop has been requested in the meantime"
     rig.step(200)
     assert rig.mode is LoopMode.ESTOP
     assert not arm.enabled

@@ -514,7 +514,7 @@ def test_a_device_that_answers_again_is_not_switched_on_for_a_reset_that_has_end
     reset = rig.send(Command.RESET)
     rig.step(10)
     rig.request()
-    assert rig.answer(reset, 10) == "a stop was requested meanwhile"
+    assert rig.answer(reset, 10) == "a stop has been requested in the meantime"
     time.sleep(MAX_LOOK_AGE_S)
     arm.hangs.clear()
     until(lambda: not arm.is_hanging.is_set())
@@ -635,7 +635,7 @@ def test_the_cycle_goes_on_while_a_device_hangs_in_a_reset_and_a_stop_ends_it(
     assert arm.calls == ["enable", "enabled", "enable"]
     assert "a reset is enabling the robot" in device_of(rig.memory.device.data).status.text
     rig.request()
-    assert rig.answer(reset, 10) == "a stop was requested meanwhile"
+    assert rig.answer(reset, 10) == "a stop has been requested in the meantime"
     assert rig.mode is LoopMode.FAULT
     again = rig.send(Command.RESET)
     rig.step(10)
@@ -656,7 +656,7 @@ def test_drives_that_a_hanging_reset_switches_on_after_an_estop_are_switched_off
     reset = rig.send(Command.RESET)
     until(lambda: rig.step() or arm.calls[-1] == "enable")
     rig.request("estops")
-    assert rig.answer(reset, 10) == "a stop was requested meanwhile"
+    assert rig.answer(reset, 10) == "a stop has been requested in the meantime"
     arm.may_go.set()
     until(lambda: arm.calls == ["enable", "enabled", "disable", "enable", "enabled", "disable"])
     rig.step(10)

@@ -98,7 +98,7 @@ class HealthAnswer(RobotHealth):
 class LiveAnswer(BaseModel):
     """The service runs."""
 
-    status: Literal["live"] = Field(description="Always live: a service that does not run gives no answer.")
+    status: Literal["live"] = Field(description="Always live: a service that is not running does not answer.")
 
 
 class ReadyAnswer(BaseModel):

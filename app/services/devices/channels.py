@@ -149,7 +149,7 @@ class Channels:
         """
         if name not in self._open:
             there = ", ".join(sorted(self._open)) or "none"
-            raise NotFoundError(f"there is no open {self._kind} {shown(name)}; open are: {there}")
+            raise NotFoundError(f"there is no open {self._kind} {shown(name)}; open {self._kind}s: {there}")
         return self._open[name]
 
     def require_place(self, name: str) -> None:
@@ -160,7 +160,7 @@ class Channels:
             InputError: the name is empty or too long.
         """
         if not 1 <= len(name) <= MAX_NAME:
-            raise InputError(f"a name must have from 1 to {MAX_NAME} characters, got {shown(name)}")
+            raise InputError(f"a name must be 1 to {MAX_NAME} characters long, got {shown(name)}")
         if name in self._open:
             raise ConflictError(f"the {self._kind} {shown(name)} is already open; close it first")
         if len(self._open) >= MAX_OPEN:

@@ -34,7 +34,7 @@ class Modbus:
         """
         host, port = _address(device)
         if not 1 <= len(name) <= MAX_NAME:
-            raise InputError(f"a name must have from 1 to {MAX_NAME} characters, got {shown(name)}")
+            raise InputError(f"a name must be 1 to {MAX_NAME} characters long, got {shown(name)}")
         if name in self._signals:
             raise ConflictError(f"the signal {shown(name)} already exists")
         if not UNITS[0] <= unit <= UNITS[1]:

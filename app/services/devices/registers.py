@@ -74,7 +74,7 @@ def _checked(index: int) -> int:
 
 def _require_name(name: str) -> None:
     if not 1 <= len(name) <= MAX_NAME:
-        raise InputError(f"a name must have from 1 to {MAX_NAME} characters, got {shown(name)}")
+        raise InputError(f"a name must be 1 to {MAX_NAME} characters long, got {shown(name)}")
 
 
 def _length(value: Value) -> int:

@@ -49,7 +49,7 @@ async def follow(
             if left_s <= 0.0:
                 raise MotionTimeout(
                     f"gripper {name}: {running.name} has not ended within {caller.timeout_s:g} s: "
-                    f"{worker.problem or 'the fingers still move'}",
+                    f"{worker.problem or 'the fingers are still moving'}",
                     details=Reason("", ReasonCode.GRIPPER_SLOW, limit=caller.timeout_s, unit="s").fields(),
                 )
             running.news.clear()

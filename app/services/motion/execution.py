@@ -89,7 +89,7 @@ class MotionService:
         state = await self._link.await_ready_state(STATE_TIMEOUT_S)
         if state.mode is not LoopMode.HOLD:
             raise ConflictError(
-                f"the arm still moves: motion {state.motion_id} is in mode {state.mode.name}",
+                f"the arm is still moving: motion {state.motion_id} is in mode {state.mode.name}",
                 details={"cause": "in_use"},
             )
         return state
@@ -259,7 +259,7 @@ class MotionService:
             waited = f"; it waited for {waits_for}" if waits_for else ""
             details = {**cause.details, **why, "share": share / 100.0}
             raise type(cause)(
-                f"{cause}: the arm came to rest {where} after {share:.0f} % of the motion{waited}",
+                f"{cause}: the arm stopped {where} after {share:.0f} % of the motion{waited}",
                 details=details,
             )
         if state.motion_result not in (MotionResult.ARRIVED, MotionResult.MET):

@@ -60,7 +60,7 @@ class ForceZero:
             state = await self._link.await_measured_state(timeout_s)
             if state.mode is not LoopMode.HOLD or np.abs(state.velocity).max() > STILL_RAD_S:
                 raise ConflictError(
-                    f"the arm moves (mode {state.mode.name}); the zero can be measured only at rest",
+                    f"the arm is moving (mode {state.mode.name}); the zero can be measured only at rest",
                     details={"cause": "moving"},
                 )
             wrenches.append(state.wrench)

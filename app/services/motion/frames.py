@@ -37,7 +37,7 @@ class Frames:
             InputError, NotFoundError: the name is invalid, or the parent does not exist.
         """
         if not 1 <= len(name) <= MAX_NAME:
-            raise InputError(f"a name must have from 1 to {MAX_NAME} characters, got {shown(name)}")
+            raise InputError(f"a name must be 1 to {MAX_NAME} characters long, got {shown(name)}")
         if name == WORLD or name in self._frames:
             raise ConflictError(f"the frame {shown(name)} already exists", details={"cause": "name_taken"})
         if len(self._frames) >= MAX_FRAMES:

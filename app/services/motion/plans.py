@@ -440,7 +440,7 @@ class PlanService:
         try:
             return np.array((await self._motion.require_ready()).commanded_position)
         except ConflictError as exc:
-            raise ConflictError(f"{exc}; give `start` to plan while the arm moves") from exc
+            raise ConflictError(f"{exc}; give `start` to plan while the arm is moving") from exc
 
     def _forget(self) -> None:
         """Remove plans that have expired, and the oldest ones above the maximum number."""

@@ -313,7 +313,7 @@ def _require_goal(goal: MotionRequest) -> None:
     if goal.is_relative:
         raise InputError(
             "the goal is relative to the position of the arm (frame_id tool, or an arc by an angle), "
-            "but the arm moves; give the goal in the base frame, or as joint angles"
+            "but the arm is moving; give the goal in the base frame, or as joint angles"
         )
     if goal.signals:
         raise InputError(

@@ -236,7 +236,7 @@ class SceneService:
             state = await self._link.await_fresh_state(STATE_TIMEOUT_S)
             if moves_hand and state.mode not in RESTING:
                 raise ConflictError(
-                    f"the arm moves (mode {state.mode.name}); objects can be attached and detached only "
+                    f"the arm is moving (mode {state.mode.name}); objects can be attached and detached only "
                     "while it is at rest",
                     details={"cause": "moving"},
                 )
@@ -276,7 +276,8 @@ class SceneService:
         """
         if state.mode not in RESTING:
             raise ConflictError(
-                f"the arm moves (mode {state.mode.name}); its load can be changed only while it is at rest",
+                f"the arm is moving (mode {state.mode.name}); its load can be changed only "
+                "while it is at rest",
                 details={"cause": "moving"},
             )
         caller = Caller(name, CLIENT.get().sequence, self._ownership.stops, math.inf, asyncio.Event())

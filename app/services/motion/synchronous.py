@@ -64,7 +64,7 @@ class SyncService:
             InputError: the list is empty, or a robot is listed twice or does not exist.
         """
         if not 1 <= len(name) <= MAX_NAME:
-            raise InputError(f"a name must have from 1 to {MAX_NAME} characters, got {shown(name)}")
+            raise InputError(f"a name must be 1 to {MAX_NAME} characters long, got {shown(name)}")
         if name in self.groups:
             raise ConflictError(f"the group {shown(name)} already exists")
         if len(self.groups) >= MAX_GROUPS:
@@ -193,7 +193,7 @@ class SyncService:
     def _sync(self, number: int) -> _Sync:
         if number not in self._syncs:
             there = ", ".join(map(str, self._syncs)) or "none"
-            raise NotFoundError(f"there is no synchronous motion {number}; the current ones are: {there}")
+            raise NotFoundError(f"there is no synchronous motion {number}; active ones: {there}")
         return self._syncs[number]
 
     def _target(self, name: str, joints: Array, a: float, v: float) -> RobotTarget:

@@ -122,7 +122,7 @@ class ToolService:
                 state = await self._link.await_fresh_state(STATE_TIMEOUT_S)
                 if state.mode not in RESTING:
                     raise ConflictError(
-                        f"the arm moves (mode {state.mode.name}); the tool can be changed only while it "
+                        f"the arm is moving (mode {state.mode.name}); the tool can be changed only while it "
                         "is at rest",
                         details={"cause": "moving"},
                     )

@@ -327,7 +327,8 @@ class StoredPrograms:
     ) -> ProgramVersion:
         if not numbers:
             raise ChangedError(
-                f"program {shown(program)}: version {base} was deleted meanwhile; save it as a new program"
+                f"program {shown(program)}: version {base} has been deleted in the meantime; "
+                "save it as a new program"
             )
         there, newest = self._read(program, None), numbers[-1]
         repeated = len(numbers) == 1 if base is None else newest == base + 1

@@ -44,7 +44,7 @@ MAX_STARTS = 3
 """Maximum number of times that a study's process is started, if it is repeatedly killed."""
 END_S = 5.0
 """Timeout for a cancelled study to write its partial answer, in seconds."""
-ENDED = "the service ended meanwhile"
+ENDED = "the service ended before the study did"
 log = logging.getLogger("cobot.studies")
 
 

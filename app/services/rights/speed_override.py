@@ -174,7 +174,7 @@ class SpeedOverride:
         deadline_s = self._link.clock.now_s() + timeout_s
         while not self._rests():
             if self._link.clock.now_s() > deadline_s:
-                raise ExecutionError(f"the arm has not come to rest on its path within {timeout_s:g} s")
+                raise ExecutionError(f"the arm has not stopped on its path within {timeout_s:g} s")
             await asyncio.sleep(POLL_S)
 
     async def resume(self) -> None:

@@ -92,5 +92,5 @@ def why_not_ready(packet: StatusPacket) -> str:
     if packet.robot_status & RobotFlag.ERROR:
         return "the controller has an alarm"
     if not packet.motion_possible:
-        return "the controller's Stream Motion program does not run, or has ended"
+        return "the controller's Stream Motion program is not running, or has ended"
     return ""

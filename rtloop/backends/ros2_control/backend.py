@@ -153,8 +153,8 @@ class Ros2ControlArm(ControllerClient):
         if not facts.others:
             return ""
         return (
-            f"another client moves the arm with a goal of {facts.action}: stop that client, then reset; only "
-            "one may command the controller"
+            f"another client is moving the arm with a goal of {facts.action}: stop that client, then reset; "
+            "only one may command the controller"
         )
 
     def _overdue(self, facts: Facts) -> str:

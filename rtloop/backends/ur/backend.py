@@ -360,7 +360,7 @@ class UrBackend:
             speed = float(np.abs(self._newest["actual_qd"]).max())
             if not (torques.is_on or speed <= REST_RAD_S):
                 raise BackendError(
-                    f"the arm moves at {speed:.3g} rad/s, allowed: {REST_RAD_S} rad/s; torques begin "
+                    f"the arm is moving at {speed:.3g} rad/s, allowed: {REST_RAD_S} rad/s; torques begin "
                     "only at rest, so wait until the arm has stopped"
                 )
             torques.begin(impedance)

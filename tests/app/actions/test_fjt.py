@@ -596,7 +596,7 @@ def test_a_cancelled_goal_comes_to_rest_on_its_path(stand: Stand) -> None:
         await stand.step_until(task)
         assert handle.status is GoalStatus.CANCELED
         assert task.result()["error_code"] == FjtError.INTERRUPTED
-        assert "cancelled: the arm came to rest on its path" in task.result()["error_string"]
+        assert "cancelled: the arm stopped on its path" in task.result()["error_string"]
         offsets = np.array(stand.rig.commanded) - stand.rig.home
         assert 0.001 < offsets[-1].max() < 0.4
         np.testing.assert_allclose(offsets, offsets[:, :1].repeat(7, axis=1), atol=1e-9)

@@ -123,7 +123,7 @@ def test_a_missing_field_and_a_request_that_is_no_object_are_refused() -> None:
     answer = asked("echo", flag=True, text="")
     assert (answer.code, answer.message) == (
         Code.INPUT,
-        "count: is missing; needed are: count, size, items",
+        "count: is missing; required: count, size, items",
     )
     request: Any = [1]
     assert asyncio.run(call(ROBOT, "Test", "echo", request)).code == Code.INPUT

@@ -135,7 +135,7 @@ def test_a_device_that_goes_away_is_an_error_and_no_wait() -> None:
             assert "ended" in await there.ask.fails("serialReadLine", Code.DEVICE, timeout=30.0)
             await there.ask.fails("serialSendString", Code.DEVICE, value="x")
             await there.ask("serialClose")
-            assert "open are: none" in await there.ask.fails("serialReadLine", Code.NOT_FOUND)
+            assert "open serial ports: none" in await there.ask.fails("serialReadLine", Code.NOT_FOUND)
 
     run(check())
 

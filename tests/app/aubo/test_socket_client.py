@@ -195,7 +195,7 @@ def test_several_sockets_have_names(server: Server) -> None:
         assert await ask("socketReadLine") == "from the first"
         await ask("socketClose", socket_name="camera")
         message = await ask.fails("socketReadLine", Code.NOT_FOUND, socket_name="camera")
-        assert "open are: socket_0" in message
+        assert "open sockets: socket_0" in message
         other.close()
         await apart(equipment)
 

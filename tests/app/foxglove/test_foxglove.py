@@ -171,7 +171,7 @@ def test_it_comes_at_the_rate_that_was_asked_for_and_no_more_after_unsubscribe(r
     ("message", "said"),
     [
         ({"op": "advertise", "channels": []}, "op: 'advertise' is not served"),
-        ({"op": "subscribe"}, "subscriptions: a list is needed"),
+        ({"op": "subscribe"}, "subscriptions: must be a list"),
         ({"op": "subscribe", "subscriptions": [3]}, "each must be an object"),
         ({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 99}]}, "there is no channel 99"),
         ({"op": "subscribe", "subscriptions": [{"id": -1, "channelId": 1}]}, "id: a whole number"),

@@ -474,7 +474,7 @@ def test_another_client_s_goal_is_named(arm: Ros2ControlArm, double: Double) -> 
         command, env=environment(double.prefix, domain=double.domain), stdout=subprocess.PIPE, text=True
     )
     try:
-        assert "another client moves the arm with a goal of" in fails(arm)
+        assert "another client is moving the arm with a goal of" in fails(arm)
         arm.stop()  # cancels it
         assert client.stdout is not None
         assert json.loads(client.stdout.readlines()[-1])["status"] == 5
@@ -644,7 +644,7 @@ def test_the_cycle_goes_on_and_a_stop_is_obeyed_while_another_process_hangs(
                     return False
                 until(lambda: waits.done() or "a reset is enabling the robot" in device_text(service))
                 httpx.post(f"{service.url}/stop", timeout=WAIT_S).raise_for_status()
-                return "a stop was requested meanwhile" in waits.result().text
+                return "a stop has been requested in the meantime" in waits.result().text
 
             if frozen == "driver":
                 until(stopped)

@@ -148,7 +148,7 @@ def test_roslibpy_follows_and_cancels_trajectories(run: Run) -> None:
     assert len(turned) > 10
     np.testing.assert_allclose(turned[-1], 0.2, atol=2e-3)
     assert cancelled["status"] == CANCELED
-    assert "cancelled: the arm came to rest on its path" in cancelled["values"]["error_string"]
+    assert "cancelled: the arm stopped on its path" in cancelled["values"]["error_string"]
     assert (strange["status"], strange["values"]["error_code"]) == (ABORTED, -2)
     at_rest = run.joints()
     assert 0.2 < at_rest[0] < 0.8

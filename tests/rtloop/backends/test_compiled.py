@@ -48,7 +48,7 @@ def test_the_parts_of_what_is_measured_are_one_buffer_in_their_order() -> None:
 @pytest.mark.parametrize("given", [[0.3], 0.3, np.zeros(6), np.zeros((1, 7)), "abc"])
 def test_a_shape_that_is_not_the_arms_is_refused(given: object) -> None:
     measured = Measured(7)
-    with pytest.raises(ValueError, match=r"measured.position is given the shape \(.*\), it has to be \(7,\)"):
+    with pytest.raises(ValueError, match=r"measured.position is given the shape \(.*\), expected \(7,\)"):
         measured.position = given
     assert not measured.values.any()
 

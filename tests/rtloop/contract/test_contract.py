@@ -186,7 +186,7 @@ def test_a_stream_to_ros2_control_keeps_it(capsys: pytest.CaptureFixture[str]) -
     [
         ("InDegrees", "calls", "FAULT"),
         ("ClaimsTorques", "values", r"effort is claimed in capabilities.measured.* it is \[nan nan"),
-        ("OneForAll", "calls", r"measured.position is given the shape \(1,\), it has to be \(7,\)"),
+        ("OneForAll", "calls", r"measured.position is given the shape \(1,\), expected \(7,\)"),
         ("Raises", "calls", "KeyError: 'joint8'"),
         (
             "RaisesTheUnspeakable",

@@ -227,7 +227,7 @@ def test_no_motion_starts_during_a_session_and_no_session_when_a_stop_came_first
     assert stream.answer(stream.send(Command.START)) == "the arm is in mode JOINT_IMPEDANCE"
     stream.request("stops")
     stream.run()
-    assert stream.stream(stops=0) == "a stop was requested meanwhile"
+    assert stream.stream(stops=0) == "a stop has been requested in the meantime"
 
 
 @pytest.mark.parametrize(

@@ -328,7 +328,7 @@ class QueueMotion:
             self._runs.all.append(after)
             placement = await self._signals.place_next(after, [*self.moves, *chain])
             if self._dropped:
-                raise StopReason("a move was dropped meanwhile", "cancelled", "").error
+                raise StopReason("a move has been removed in the meantime", "cancelled", "").error
             await self._motion.replace(
                 claim, longer.trajectory, longer.offset_s, planned_s, placement.signals
             )

@@ -225,7 +225,7 @@ def test_a_take_over_ends_the_motion_and_tells_the_former_holder(run: VirtualSer
         assert (each["who"], each["request"]) == ("anonymous", answer.headers["x-request-id"])
         assert each["from"].startswith("127.0.0.1:")
     line = run.get("/trajectory/logs").json()["lines"][-1]
-    assert "anonymous from 127.0.0.1 has taken control: the arm came to rest" in line
+    assert "anonymous from 127.0.0.1 has taken control: the arm stopped" in line
     told = move(run, first)
     assert told.status_code == 409
     assert "was taken over by anonymous from 127.0.0.1" in told.json()["detail"]
@@ -362,7 +362,7 @@ def test_anybodys_stop_stops_anybodys_motion(run: VirtualService, method: str) -
     assert called(run, "MotionControl", method)["code"] == 0
     assert called(run, "RobotState", "isSteady")["result"]
     line = run.get("/trajectory/logs").json()["lines"][-1]
-    assert f"stopped by MotionControl/{method}: the arm came to rest on its path" in line
+    assert f"stopped by MotionControl/{method}: the arm stopped on its path" in line
     with run.connect("/robot/stream") as socket:
         socket.send('{"type": "session"}')
         heard(socket, "session")
@@ -382,7 +382,7 @@ def test_a_motion_that_cobot_stop_has_stopped_says_so(run: VirtualService) -> No
         stop()
         run.until(lambda: run.health()["service"]["motion"] is None)
         line = run.get("/trajectory/logs").json()["lines"][-1]
-        assert f"stopped by {who}: the arm came to rest on its path" in line
+        assert f"stopped by {who}: the arm stopped on its path" in line
         details = run.get("/jobs?limit=1").json()["jobs"][0]["error"]["details"]
         assert (details["cause"], details["by"]) == ("stop", by)
         run.go_home()

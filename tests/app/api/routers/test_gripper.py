@@ -329,7 +329,7 @@ def test_a_gripper_that_stalls_is_a_timeout_and_is_stopped(run: Run) -> None:
     outcome = run.service.run(gripper.run("move", GripperMove(width=0.0), caller))
     run.toy.now_s = run.service.clock.now_s
     assert isinstance(outcome.error, MotionTimeout)
-    assert "move has not ended within 1 s: the fingers still move" in str(outcome.error)
+    assert "move has not ended within 1 s: the fingers are still moving" in str(outcome.error)
     run.service.sleep(0.5)
     assert not run.client.gripper.state()["state"]["moving"]
 

@@ -123,7 +123,7 @@ def test_the_client_reads_and_deletes_studies(run: VirtualService, client: Clien
 def test_a_study_of_a_service_that_ended_can_be_continued(run: VirtualService) -> None:
     stored(run, state="running", rate_hz=5.0, left_s=3.0)
     (found,) = run.get("/studies").json()["studies"]
-    assert (found["state"], found["reason"]) == ("partial", "the service ended meanwhile")
+    assert (found["state"], found["reason"]) == ("partial", "the service ended before the study did")
     assert (found["rate_hz"], found["left_s"]) == (0.0, None)
 
 

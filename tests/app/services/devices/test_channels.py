@@ -76,7 +76,7 @@ def test_what_a_program_leaves_open_is_closed_when_it_ends_and_nothing_else() ->
         assert [line.closed for line in lines] == [0, 1, 1, 1, 0]
         assert channels.get("by hand") is lines[0].channel
         assert channels.get("passed on") is lines[3].channel
-        with pytest.raises(NotFoundError, match="open are: by hand, passed on"):
+        with pytest.raises(NotFoundError, match="open sockets: by hand, passed on"):
             channels.get("left open")
         late = CLIENT.set(RequestClient("anonymous", sequence="first"))
         with pytest.raises(ConflictError, match="program that this request belongs to has ended"):
@@ -146,7 +146,7 @@ def test_channels_are_found_by_name_and_closed_once() -> None:
         for name, line in lines.items():
             channels.add(name, line.channel)
         assert channels.get("a") is lines["a"].channel
-        with pytest.raises(NotFoundError, match="there is no open socket 'c'; open are: a, b"):
+        with pytest.raises(NotFoundError, match="there is no open socket 'c'; open sockets: a, b"):
             channels.get("c")
         late = Line()
         with pytest.raises(ConflictError, match="the socket 'a' is already open"):
@@ -160,7 +160,7 @@ def test_channels_are_found_by_name_and_closed_once() -> None:
         with pytest.raises(ConflictError, match=f"{MAX_OPEN} of the kind socket are already open"):
             channels.require_place("one more")
         for name in ("", "x" * 201):
-            with pytest.raises(InputError, match="a name must have from 1 to 200 characters"):
+            with pytest.raises(InputError, match="a name must be 1 to 200 characters long"):
                 channels.require_place(name)
 
     run(test)

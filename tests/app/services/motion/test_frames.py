@@ -85,7 +85,7 @@ def test_what_cannot_be_is_refused() -> None:
     for change, error, sentence in (
         (lambda: frames.add("a", here), ConflictError, "the frame 'a' already exists"),
         (lambda: frames.add(WORLD, here), ConflictError, "the frame 'world' already exists"),
-        (lambda: frames.add("", here), InputError, "a name must have from 1 to 200 characters"),
+        (lambda: frames.add("", here), InputError, "a name must be 1 to 200 characters long"),
         (lambda: frames.add("c", here, "z"), NotFoundError, "no frame 'z'; valid names: world, a, b"),
         (lambda: frames.remove("a"), ConflictError, "b are attached to 'a'; delete them first"),
         (lambda: frames.move(WORLD, here), InputError, "world is the root"),

@@ -220,7 +220,7 @@ def test_one_study_runs_at_a_time_and_the_end_of_the_service_keeps_its_results(t
         async with bench(tmp_path) as made:
             found = await made.service.read(status.id)
             assert found.state == "partial"
-            assert found.reason == "the service ended meanwhile"
+            assert found.reason == "the service ended before the study did"
             assert ResultsFolder(made.service.files.folder / status.id).chunks()
 
     asyncio.run(scenario())
@@ -264,7 +264,7 @@ def test_a_killed_service_leaves_no_process_behind_and_the_study_can_go_on(tmp_p
     async def scenario() -> None:
         async with bench(tmp_path) as made:
             (left,) = await made.service.all()
-            assert (left.state, left.reason) == ("partial", "the service ended meanwhile")
+            assert (left.state, left.reason) == ("partial", "the service ended before the study did")
             status = await made.start(LARGE)
             assert status.id == left.id
             assert status.done > 0

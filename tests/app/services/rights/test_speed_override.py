@@ -155,7 +155,7 @@ def test_what_waited_in_a_pause_does_not_begin_after_an_estop_and_its_reset(benc
             rig.step(20)
             await bench.during(bench.link.commands.reset(1.0))
             await bench.during(override.resume())
-            with pytest.raises(ExecutionError, match="a stop was requested meanwhile"):
+            with pytest.raises(ExecutionError, match="a stop has been requested in the meantime"):
                 await bench.during(going)
         assert rig.mode is LoopMode.HOLD
         np.testing.assert_allclose(rig.commanded[-1], rig.home)

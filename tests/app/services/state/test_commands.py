@@ -69,7 +69,7 @@ def test_a_reset_that_waits_for_its_turn_ends_no_estop_that_was_asked_for_meanwh
         await first
         await second
 
-    with pytest.raises(NotReadyError, match="a stop was requested meanwhile"):
+    with pytest.raises(NotReadyError, match="a stop has been requested in the meantime"):
         asyncio.run(overtaken())
     assert rig.mode is LoopMode.ESTOP
     link.close()

@@ -178,7 +178,7 @@ def test_a_stop_before_the_next_session_has_begun_is_for_that_too(run: Run) -> N
         at = bench.rig.commanded[-1]
         await bench.cycles(500)
         assert (bench.rig.mode, bench.servo.active) == (LoopMode.HOLD, False)
-        assert "a stop was requested meanwhile" in bench.servo.reason
+        assert "a stop has been requested in the meantime" in bench.servo.reason
         np.testing.assert_array_equal(bench.rig.commanded[-1], at)
 
     run(test)

@@ -309,11 +309,11 @@ def test_a_program_that_ends_in_motion_is_a_fault(made: Made, arm: RobotDescript
     driven.cycle()
     driven.controller.abort()
     with pytest.raises(
-        BackendError, match="the controller's Stream Motion program does not run, or has ended"
+        BackendError, match="the controller's Stream Motion program is not running, or has ended"
     ):
         driven.cycles(3)
     driven.controller.call()
-    with pytest.raises(BackendError, match="program does not run"):
+    with pytest.raises(BackendError, match="program is not running"):
         driven.cycles(50)  # it moves no more by itself
 
 
@@ -327,11 +327,11 @@ def test_each_cycle_after_an_ended_motion_reports_that_the_arm_does_not_follow(
     driven.command[1, 0] = 0.1
     driven.cycle()
     driven.controller.abort()
-    with pytest.raises(BackendError, match="program does not run"):
+    with pytest.raises(BackendError, match="program is not running"):
         driven.cycles(3)
     driven.channel.network.drop = 5
     for _ in range(6):
-        with pytest.raises(BackendError, match="program does not run"):
+        with pytest.raises(BackendError, match="program is not running"):
             driven.cycle()
     assert driven.backend.status().packets_lost == 5
 
@@ -400,7 +400,7 @@ def test_what_is_asked_for_before_motion(made: Made, arm: RobotDescription) -> N
         Driven(made(payload_schedule=20), arm).open().enable()
     with pytest.raises(
         BackendError,
-        match=r"the controller's Stream Motion program does not run, or has ended; .*within 10 s",
+        match=r"the controller's Stream Motion program is not running, or has ended; .*within 10 s",
     ):
         Driven(made(program="OTHER"), arm).open().enable()
 

@@ -322,7 +322,7 @@ def test_springs_on_a_position_that_is_no_number_send_none(rig: Rig) -> None:
 
 def test_a_robot_that_refuses_an_impedance_refuses_the_session(rig: Rig) -> None:
     rig.arm.refuses = "torques"
-    assert "the robot cannot give way: the robot rejects the command" in rig.stream(stiffness=200.0)
+    assert "the robot cannot be made compliant: the robot rejects the command" in rig.stream(stiffness=200.0)
     rig.step(5)
     assert rig.mode is LoopMode.FAULT, "nobody controls it now"
     rig.arm.refuses = ""

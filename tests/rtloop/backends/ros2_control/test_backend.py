@@ -80,7 +80,7 @@ NAMED = {"name": "arm_controller", "state": "active", "joints": [f"joint{n}" for
         ({"velocity": None}, "has no velocity: remove it from robot.backend.measured"),
         ({"velocity": [0.0] * 6 + [float("inf")]}, "the velocity of joint7 is inf, not a number"),
         ({"position": [0, 0, 0, -90.0, 0, 90.0, 0]}, "joint[46] is at .*90.000 rad, but its limits are"),
-        ({"others": 1}, "another client moves the arm with a goal of /arm_controller/follow"),
+        ({"others": 1}, "another client is moving the arm with a goal of /arm_controller/follow"),
         (
             {"goal": GoalFacts(accepted=True, status=6, error_code=-100101)},
             "has aborted the motion: INVALID_GOAL.*code 101 of MotoROS2",
