@@ -33,9 +33,9 @@ def start() -> int:
 def _read_arguments() -> argparse.Namespace:
     """Read the arguments that `cobot run` passes to the service."""
     parser = argparse.ArgumentParser(prog="python -m app", description="The web service.")
-    parser.add_argument("--config", type=Path, help="settings file; by default the one that is part of cobot")
+    parser.add_argument("--config", type=Path, help="settings file (default: the one that comes with cobot)")
     parser.add_argument(
-        "--source", type=Path, help="the file that the user edits, if the settings file is a copy of it"
+        "--source", type=Path, help="the user's own file, if the settings file is a copy of it"
     )
     parser.add_argument("--host", required=True, help="address that the socket listens on")
     parser.add_argument("--port", type=int, required=True)

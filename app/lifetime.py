@@ -60,7 +60,7 @@ class Lifetime:
             await _stop_all(serving_now)
 
     async def _begin(self, app: FastAPI, stack: contextlib.AsyncExitStack) -> None:
-        """Start everything in dependency order. The context ends it in the reverse order."""
+        """Start everything in dependency order. `stack` ends it in the reverse order."""
         shared, settings = self.shared, self.settings
         stack.callback(shared.events.close)
         stack.enter_context(log_events(shared.events))

@@ -15,7 +15,7 @@ from cobot.config import load_settings
 
 
 def openapi_document() -> str:
-    """The OpenAPI document as JSON."""
+    """Return the OpenAPI document as JSON."""
     document = create_app(load_settings(None), None, DEFAULT_URL).openapi()
     for path, operations in document["paths"].items():
         if path.startswith(BY_NAME):

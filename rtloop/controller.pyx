@@ -215,7 +215,7 @@ cdef class Controller(ModeMachine):
         return self.handover.begin_start(command, self.safety.position)
 
     def _replace(self, command, Measured measured, bint fresh):
-        """Begin to load a new trajectory for the current motion, which goes on meanwhile."""
+        """Begin to load a new trajectory for the current motion, which continues during loading."""
         motion, offset_s = int(command["motion_id"]), float(command["value"])
         here_s = self.follower.clock.path_time_s
         if self.mode is not LoopMode.TRAJECTORY or self._guide != PATH:

@@ -41,8 +41,8 @@ log = logging.getLogger("cobot.rtloop")
 def main() -> int:
     """Run until SIGTERM or SIGINT. Return the exit status: 0, or 2 if the real-time loop could not start."""
     parser = argparse.ArgumentParser(prog="python -m rtloop", description=__doc__)
-    parser.add_argument("--config", type=Path, help="settings file; by default the one that is part of cobot")
-    parser.add_argument("--robot", help="name of one of the `robots`; default: the default robot")
+    parser.add_argument("--config", type=Path, help="settings file (default: the one that comes with cobot)")
+    parser.add_argument("--robot", help="name of one of the `robots` (default: the default robot)")
     parser.add_argument("--clock", choices=("realtime", "fast"), help="clock to use instead of rt.clock")
     parser.add_argument("--check", action="store_true", help="only check that the backend can be made")
     parser.add_argument(

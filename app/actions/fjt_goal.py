@@ -30,7 +30,7 @@ Message = dict[str, Any]
 
 
 class GoalError(InputError):
-    """Raised if a FollowJointTrajectory goal is invalid. Its text gives the reason."""
+    """Raised if a FollowJointTrajectory goal is invalid. The text gives the reason."""
 
     error_code: ClassVar = FjtError.INVALID_GOAL
 

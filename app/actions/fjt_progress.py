@@ -64,8 +64,8 @@ class TrajectoryProgress:
 def on_path(
     trajectory: Trajectory, time_s: float, rate: float, state: RobotState, stamp_ns: int
 ) -> TrajectoryProgress:
-    """Return the progress at a time along the trajectory. `rate` is how fast this time advances, in seconds
-    per second.
+    """Return the progress at a time along the trajectory. `rate` is the speed at which this time advances, in
+    seconds per second.
     """
     desired = [trajectory.sample([time_s], order)[0] * rate**order for order in range(3)]
     return TrajectoryProgress(

@@ -45,7 +45,7 @@ def robots_of(connection: HTTPConnection) -> dict[str, Services]:
 
 
 def services_of(connection: HTTPConnection) -> Services:
-    """The services of the robot whose name or job is in the path; without one, those of the default robot.
+    """Return the services of the robot whose name or job is in the path, or else those of the default robot.
 
     Raises:
         NotFoundError: there is no such robot (the error lists all names), or no such job.
@@ -84,7 +84,7 @@ def addressed(connection: HTTPConnection) -> dict[str, Services]:
 
 
 class Call:
-    """A request to an endpoint; raises the same errors as `services_of`.
+    """A request to an endpoint. Raises the same errors as `services_of`.
 
     Attributes:
         services: services of the robot that the request addresses.
@@ -96,7 +96,7 @@ class Call:
 
     @property
     def name(self) -> str:
-        """The endpoint's name: "POST /stop"; for a robot by name "POST /robots/{robot}/stop"."""
+        """The endpoint's name, such as "POST /stop" or, with a robot's name, "POST /robots/{robot}/stop"."""
         return f"{self.request.method} {self.request.scope['route'].path}"
 
     @property
@@ -106,7 +106,7 @@ class Call:
 
     @property
     def stops(self) -> int:
-        """`Ownership.stops` when this request came in."""
+        """The value of `Ownership.stops` when this request arrived."""
         return cast(int, self.request.scope[STOPS])
 
     @property
@@ -115,7 +115,7 @@ class Call:
         return self.request.headers.get(MOTION_TOKEN)
 
     def caller(self, gone: asyncio.Event, kind: JobKind, about: str | BaseModel, *, wait: bool) -> Caller:
-        """The caller of a motion.
+        """Return the caller of a motion.
 
         Args:
             gone: see `Gone`. A client that does not wait for the answer may disconnect.

@@ -76,5 +76,5 @@ def changed(endpoints: Mapping[str, Endpoint], changes: Mapping[str, EndpointCha
 
 
 def slowest_move_s(endpoints: Mapping[str, Endpoint]) -> float:
-    """The longest timeout of an endpoint that moves the arm, s."""
+    """Return the longest timeout of all endpoints that move the arm, s."""
     return max(each.timeout_s for name, each in endpoints.items() if name.startswith("POST /robot/move/"))

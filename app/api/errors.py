@@ -76,7 +76,7 @@ ERRORS_PAGE = f"{MANUAL}/conventions.html#errors"
 
 
 class ErrorAnswer(BaseModel):
-    """The body of every answer that is not 200."""
+    """The body of every answer with a status other than 200."""
 
     detail: str = Field(description="What is wrong, where, the value and the limit.")
     code: ErrorCode = Field(description="A stable word for programs.")
@@ -109,7 +109,7 @@ DESCRIPTIONS = {
 
 
 def responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """The documentation of the error answers that an endpoint can give."""
+    """Return the documentation of an endpoint's possible error answers."""
     models: dict[int, type[ErrorAnswer]] = {422: RefusedAnswer}
     return {
         status: {"model": models.get(status, ErrorAnswer), "description": DESCRIPTIONS[status]}
@@ -151,7 +151,7 @@ def _accepts_problem(accept: Iterable[str]) -> bool:
 
 
 def status_of(error: CobotError) -> int:
-    """The HTTP status of an error."""
+    """Return the HTTP status of an error."""
     return next(STATUS[kind] for kind in type(error).__mro__ if kind in STATUS)
 
 
@@ -169,7 +169,7 @@ def install(app: FastAPI) -> None:
 
 
 def answer_to(error: CobotError, explain: Explain | None = None) -> JSONResponse:
-    """The HTTP answer to an error. `explain` is its explanation; by default the failed checks."""
+    """Return the HTTP answer to an error. `explain` is its explanation, by default the failed checks."""
     headers = next((more for kind, more in HEADERS.items() if isinstance(error, kind)), None)
     return _answer(
         status_of(error), str(error), error.code, headers, explain or explain_of(error), error.details
@@ -182,8 +182,8 @@ def tell(request: Request, explain: Explain) -> None:
 
 
 def without_websocket(otherwise: ASGIApp) -> ASGIApp:
-    """The application that answers unknown paths. An unknown WebSocket gets a 404, as an unknown request
-    does; Starlette sends 403.
+    """Return the application that answers unknown paths. An unknown WebSocket gets a 404, as an unknown
+    request does; Starlette sends 403.
     """
 
     async def answer(scope: Scope, receive: Receive, send: Send) -> None:

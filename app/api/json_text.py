@@ -14,7 +14,7 @@ GZIP = b"\x1f\x8b"
 
 
 def decoded(text: bytes | str, name: str) -> Any:
-    """The decoded JSON. A key that occurs twice in one object is an error.
+    """Decode JSON. A key that occurs twice in one object is an error.
 
     Raises:
         InputError: the text is not valid JSON. The error states `name`, the problem and its position.
@@ -40,8 +40,8 @@ def decoded(text: bytes | str, name: str) -> Any:
 
 
 def _as_float(digits: str) -> float:
-    """Like `float`, but written in Python, so that other threads can run between two numbers. Otherwise
-    decoding a large text blocks them for 15 ms per megabyte.
+    """Convert digits like `float`, but as a Python function, so that other threads can run between two
+    numbers. Otherwise decoding a large text would block them for 15 ms per megabyte.
     """
     return float(digits)
 

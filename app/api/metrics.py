@@ -81,7 +81,7 @@ class Metrics(Collector):
         self._registry.register(self)
 
     def text(self) -> bytes:
-        """The metrics in Prometheus's text format, version 0.0.4."""
+        """Return the metrics in Prometheus's text format, version 0.0.4."""
         return generate_latest(self._registry)
 
     def describe(self) -> Iterable[Metric]:

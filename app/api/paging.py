@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 
 def page_of(entries: Sequence[T], key: Callable[[T], str], limit: int | None, after: str | None) -> list[T]:
-    """The entries of a page, in the order of the list.
+    """Return the entries of a page, in the order of the list.
 
     Args:
         key: id or name of an entry.
@@ -41,7 +41,7 @@ def page_of(entries: Sequence[T], key: Callable[[T], str], limit: int | None, af
 
 
 def deprecated_value(query: BaseModel, name: str) -> Any:
-    """The value of a deprecated parameter, read without pydantic's warning. That warning is for users of the
+    """Return the value of a deprecated parameter without pydantic's warning, which is meant for users of the
     class.
     """
     return query.__dict__[name]

@@ -53,7 +53,7 @@ They reveal only the name of this robot and the limits of its joints.
 
 
 def roles(endpoints: Mapping[str, Endpoint], *, stop_without_token: bool) -> dict[str, Role]:
-    """The role that each endpoint needs, with the endpoints of each robot by name."""
+    """Return the role that each endpoint needs, including the endpoints with a robot's name."""
     table = {name: endpoint.role for name, endpoint in endpoints.items()}
     table |= {STOP: Role.PUBLIC} if stop_without_token else {}
     twins = {twin_name(name): role for name, role in table.items()}
@@ -62,7 +62,7 @@ def roles(endpoints: Mapping[str, Endpoint], *, stop_without_token: bool) -> dic
 
 
 def endpoint_of(route: BaseRoute) -> str:
-    """The name of a route's endpoint, as in `roles`; for a public route its path.
+    """Return the name of a route's endpoint, as in `roles`; for a public route, its path.
 
     Raises:
         TypeError: a programming error: this kind of route cannot have a role.

@@ -60,7 +60,7 @@ def pieces(chunk: bytes) -> Iterator[bytes]:
 
 class _CobotRequest(Request):
     async def stream(self) -> AsyncGenerator[bytes]:
-        """The body. A form is delivered in pieces, so that other tasks run between them."""
+        """Yield the body. A form is delivered in pieces, so that other tasks can run in between."""
         form = self.headers.get("content-type", "").lower().startswith("multipart/")
         async for chunk in super().stream():
             if not form:
@@ -151,7 +151,7 @@ class CobotRoute(APIRoute):
         return handle
 
     def _takes_request_alone(self) -> bool:
-        """Whether the endpoint takes only the request, and answers with a model as JSON."""
+        """Whether the endpoint's only parameter is the request, and its answer is a model as JSON."""
         asked, endpoint = self.dependant, declared(self.endpoint)
         return (
             not (endpoint is not None and endpoint.costly)
@@ -230,7 +230,7 @@ class EndpointRouter(APIRouter):
         keyed: bool = False,
         **options: Any,
     ) -> Callable[[Function], Function]:
-        """Serve an endpoint with the function that follows.
+        """Make a decorator that serves an endpoint with a function.
 
         Args:
             name, role, timeout_s, control, costly, keyed: see `Endpoint`.

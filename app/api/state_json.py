@@ -19,8 +19,8 @@ _TEXTS = [field.name for field in STATE_FIELDS if field.is_text]
 
 
 def state_content(state: np.ndarray) -> dict[str, Any]:
-    """A record of `cobot.ipc.state_fields.state_dtype` as a JSON-like dictionary. Numbers may be infinite or
-    NaN.
+    """Convert a record of `cobot.ipc.state_fields.state_dtype` to a JSON-like dictionary. Numbers may be
+    infinite or NaN.
     """
     content = {name: state[name].tolist() for name in state.dtype.names or ()}
     for name, member in _MEMBERS.items():

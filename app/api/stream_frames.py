@@ -54,7 +54,7 @@ class SessionFrame(RequestModel):
     posture: SomeNumbers | None = None
 
     def record(self, info: np.ndarray) -> np.ndarray:
-        """The record of the requested session. Omitted values are the nominal ones.
+        """Return the record of the requested session. Omitted values get their nominal values.
 
         Raises:
             NotReadyError: rtloop has not reported its robot yet.
@@ -273,7 +273,7 @@ def read_frame(content: Frame, stream: Stream) -> TextFrame:
 
 
 def state_frame(state: np.ndarray, sequence: int) -> str:
-    """The state as JSON. Values that are not finite numbers are null."""
+    """Return the state as JSON. Values that are not finite numbers are null."""
     content: Frame = {"type": "state", "sequence": sequence, **state_content(state)}
     try:
         return json.dumps(content, allow_nan=False)
@@ -282,7 +282,7 @@ def state_frame(state: np.ndarray, sequence: int) -> str:
 
 
 def hello_frame(info: np.ndarray, **more: object) -> str:
-    """The first message to a client: the robot's information and further fields."""
+    """Return the first message to a client: the robot's information and further fields."""
     content = {name: _plain(info[name].tolist()) for name in info.dtype.names or ()}
     return json.dumps({"type": "hello", **more, **content})
 

@@ -53,17 +53,17 @@ class ServiceField:
 
     @property
     def ros_type(self) -> str:
-        """The type as written in a .srv file."""
+        """The type as it is written in a .srv file."""
         return "string" if self.kind == "json" else self.kind
 
     @property
     def empty(self) -> Any:
-        """The default value in ROS."""
+        """The field's default value in ROS."""
         return [] if self.kind.endswith("[]") else EMPTY[self.kind]
 
 
 def argument(field: ServiceField, arguments: dict[str, Any]) -> Any:
-    """Validate the function's argument for a field. ROS's default value is replaced by the field's default.
+    """Validate the argument for a field. ROS's default value is replaced with the field's own default.
 
     Raises:
         InputError: the value is invalid. The error has the field, the problem and the valid values.

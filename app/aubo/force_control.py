@@ -40,7 +40,7 @@ async def fc_enable(robot: Services) -> None:
 
 @service(CLASS)
 async def fc_disable(robot: Services) -> None:
-    """End force control; answers when the arm is at rest."""
+    """End force control. Returns when the arm is at rest."""
     await robot.force.disable()
 
 
@@ -57,7 +57,7 @@ def is_fc_enabled(robot: Services) -> bool:
 
 @service(CLASS)
 def get_fc_end_reason(robot: Services) -> str:
-    """Why force control has ended on its own.
+    """The reason why force control has ended on its own.
 
     Returns:
         the reason as a sentence; empty if force control has not ended on its own since fcEnable.

@@ -106,7 +106,7 @@ async def _content(request: Request) -> Any:
 
 
 def schema(rest: dict[str, Any], robots: list[str]) -> dict[str, Any]:
-    """The OpenAPI document of the services, grouped by class.
+    """Return the OpenAPI document of the services, grouped by class.
 
     Args:
         rest: the document of the REST API. The version, the errors and the access rules are copied from it.

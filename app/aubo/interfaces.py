@@ -72,7 +72,9 @@ ament_package()
 
 @cache
 def interface_definitions() -> Mapping[str, str]:
-    """The definition of each interface, by type: `aubo_interfaces/srv/GetDof`, `.../action/ServoMode`."""
+    """Return the definition of each interface, by type: `aubo_interfaces/srv/GetDof`,
+    `.../action/ServoMode`.
+    """
     by_type: dict[str, list[VendorService]] = {}
     for found in REGISTRY.values():
         by_type.setdefault(found.type_name, []).append(found)
@@ -82,7 +84,7 @@ def interface_definitions() -> Mapping[str, str]:
 
 
 def package_files(wanted: Collection[str] | None = None) -> dict[str, str]:
-    """The content of each file of the package, by path in the package's folder.
+    """Return the content of each file of the package, by its path in the package's folder.
 
     Args:
         wanted: the types in the package; None: all.
@@ -101,7 +103,8 @@ def package_files(wanted: Collection[str] | None = None) -> dict[str, str]:
 
 
 def write_package(folder: Path, files: Mapping[str, str]) -> None:
-    """Write the files into a folder that is empty, does not exist, or has only an earlier package.
+    """Write the files to a folder that is empty, does not exist, or contains only an earlier version of the
+    package.
 
     Raises:
         ConfigError: the folder has other files; nothing has been changed.
@@ -115,7 +118,7 @@ def write_package(folder: Path, files: Mapping[str, str]) -> None:
 
 
 def _earlier_files(folder: Path) -> list[Path]:
-    """The files of a package that this module has written, as its CMakeLists.txt lists them."""
+    """Return the files of a package that this module has written, as listed in its CMakeLists.txt."""
     if not folder.exists():
         return []
     if not folder.is_dir():
@@ -136,7 +139,7 @@ def _earlier_files(folder: Path) -> list[Path]:
 
 
 def _srv(services: list[VendorService]) -> str:
-    """The .srv definition of all services that share a type."""
+    """Return the .srv definition of all services that share a type."""
     first = services[0]
     lines: list[str] = []
     for found in services:

@@ -116,7 +116,8 @@ def pose_angle_distance(robot: Services, p1: list[float], p2: list[float]) -> fl
 
 @service("Math")
 def interpolate_pose(robot: Services, p1: list[float], p2: list[float], alpha: float) -> list[float]:
-    """A pose between two others: linear in position, and along the shortest rotation in orientation.
+    """A pose between two others: the position is interpolated linearly, and the orientation along the
+    shortest rotation.
 
     Args:
         p1: [x, y, z, rx, ry, rz], m and rad.
@@ -194,7 +195,7 @@ def rotation_vector_to_rpy(robot: Services, rotv: list[float]) -> list[float]:
 
 
 def _turned(pose: Pose) -> Pose:
-    """Return the pose with its orientation, but with the position 0."""
+    """Return the pose with its orientation but with the position 0."""
     nowhere: Array = np.zeros(3)
     return Pose(nowhere, pose.quaternion)
 

@@ -60,7 +60,7 @@ def modbus_delete_all_signals(robot: Services) -> None:
 
 @service(CLASS)
 def modbus_get_signal_status(robot: Services, signal_name: str) -> int:
-    """The value of a signal when it was last read. Fails if its device did not answer then.
+    """The value of a signal when it was last read. Fails if the last reading failed.
 
     Args:
         signal_name: name of the signal.
@@ -126,7 +126,7 @@ def modbus_get_signal_error(robot: Services, signal_name: str) -> str:
 
 @service(CLASS)
 async def modbus_set_output_signal(robot: Services, signal_name: str, value: int) -> None:
-    """Set a digital or register output; answers when the device has confirmed it.
+    """Set a digital or register output. Returns when the device has confirmed it.
 
     Args:
         signal_name: name of the signal.

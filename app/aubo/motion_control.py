@@ -49,7 +49,7 @@ async def move_joint(
     blend_radius: float = 0.0,
     duration: float = 0.0,
 ) -> None:
-    """Move to joint angles, in the shortest time in joint space. Answers when the move is planned. The move
+    """Move to joint angles, in the shortest time in joint space. Returns when the move is planned. The move
     runs after the queued ones.
 
     Args:
@@ -75,7 +75,7 @@ async def move_line(
     blend_radius: float = 0.0,
     duration: float = 0.0,
 ) -> None:
-    """Move to a pose along a straight line, with an even rotation. Answers when the move is planned.
+    """Move to a pose along a straight line, with an even rotation. Returns when the move is planned.
 
     Args:
         pose: [x, y, z, rx, ry, rz] in the base frame, m and rad.
@@ -99,7 +99,7 @@ async def move_circle(
     blend_radius: float = 0.0,
     duration: float = 0.0,
 ) -> None:
-    """Move to a pose along an arc, with an even rotation from start to end. Answers when the move is planned.
+    """Move to a pose along an arc, with an even rotation from start to end. Returns when the move is planned.
 
     Args:
         via_pose: a pose on the arc. Only its position is used.
@@ -205,7 +205,7 @@ async def start_move(robot: Services) -> None:
 
 @service("MotionControl")
 async def clear_path(robot: Services) -> None:
-    """Stop on the path and remove all moves from the queue. Answers when the arm is at rest.
+    """Stop on the path and remove all moves from the queue. Returns when the arm is at rest.
 
     With an empty queue this does nothing. It is rejected while another request is moving the arm.
     """
@@ -215,7 +215,7 @@ async def clear_path(robot: Services) -> None:
 
 @service("MotionControl")
 async def stop_joint(robot: Services, acc: float = 0.0) -> None:
-    """Stop on the path as fast as the limits permit, and remove all moves. Answers when the arm is at rest.
+    """Stop on the path as fast as the limits permit, and remove all moves. Returns when the arm is at rest.
 
     This also ends motions of other clients, because a stop needs no control.
 
@@ -228,7 +228,7 @@ async def stop_joint(robot: Services, acc: float = 0.0) -> None:
 
 @service("MotionControl")
 async def stop_line(robot: Services, acc: float = 0.0, acc_rot: float = 0.0) -> None:
-    """Stop on the path as fast as the limits permit, and remove all moves. Answers when the arm is at rest.
+    """Stop on the path as fast as the limits permit, and remove all moves. Returns when the arm is at rest.
 
     This also ends motions of other clients, because a stop needs no control.
 
@@ -244,7 +244,7 @@ async def stop_line(robot: Services, acc: float = 0.0, acc_rot: float = 0.0) -> 
 
 @service("MotionControl")
 async def set_servo_mode(robot: Services, enable: bool) -> None:
-    """Begin a servo session in mode 1, or end the current one. Answers when the session has begun, or has
+    """Begin a servo session in mode 1, or end the current one. Returns when the session has begun, or has
     ended with the arm at rest.
 
     Args:
@@ -295,8 +295,8 @@ def is_servo_mode_enabled(robot: Services) -> bool:
 
 @service("MotionControl")
 def get_servo_feedback(robot: Services) -> Json:
-    """State of the servo session, and the points that were rejected since it began. Without a session: the
-    same of the last one.
+    """State of the servo session, and the points that have been rejected since it began. Without a session,
+    both are for the last one.
 
     Returns:
         JSON: an object, see docs/servo.md.
@@ -314,7 +314,7 @@ async def servo_joint(
     lookahead_time: float = 0.0,
     gain: float = 0.0,
 ) -> None:
-    """Send a point to the servo session. Answers when the point is accepted, before the arm reaches it.
+    """Send a point to the servo session. Returns when the point is accepted, before the arm reaches it.
 
     Args:
         q: joint angles, rad, one for each joint.
@@ -338,7 +338,7 @@ async def servo_cartesian(
     gain: float = 0.0,
 ) -> None:
     """Send a point to the servo session as a pose. Of the solutions of the inverse kinematics, the one
-    nearest to the last point is used. Answers when the point is accepted.
+    nearest to the last point is used. Returns when the point is accepted.
 
     Args:
         pose: [x, y, z, rx, ry, rz] in the base frame, m and rad.

@@ -15,7 +15,7 @@ FARTHEST_M = 1e6
 
 
 def pose_of(values: list[float], name: str = "pose") -> Pose:
-    """A pose from its six numbers.
+    """Return a pose from its six numbers.
 
     Raises:
         InputError: there are not six numbers, or a coordinate is above `FARTHEST_M`.
@@ -30,7 +30,7 @@ def pose_of(values: list[float], name: str = "pose") -> Pose:
 
 
 def place_of(values: list[float], name: str = "pose", most_m: float = FARTHEST_M) -> Pose:
-    """A pose from its six numbers, for a real object. The bounds are tighter than those of `pose_of`.
+    """Return a pose from its six numbers, for a real object. The bounds are tighter than those of `pose_of`.
 
     Raises:
         InputError: see `pose_of`; or a coordinate is above `most_m`, or an angle above one and a half turns.
@@ -45,11 +45,11 @@ def place_of(values: list[float], name: str = "pose", most_m: float = FARTHEST_M
 
 
 def numbers_of(pose: Pose) -> list[float]:
-    """The six numbers of a pose; ry in [−π/2, π/2]."""
+    """Return the six numbers of a pose, with ry in [−π/2, π/2]."""
     rz, ry, rx = pose.abc
     return [*pose.position.tolist(), rx, ry, rz]
 
 
 def as_list(values: Array) -> list[float]:
-    """The values as plain Python numbers."""
+    """Return the values as plain Python numbers."""
     return [float(value) for value in values]

@@ -114,7 +114,7 @@ class CallOrigin:
 
 @dataclass(frozen=True, slots=True)
 class VendorAnswer:
-    """The answer of every service. `code` 0 is success, see `cobot.codes`."""
+    """The answer of every service. A `code` of 0 means success, see `cobot.codes`."""
 
     code: int
     message: str
@@ -215,12 +215,12 @@ async def _run(
 
 
 def failed(found: VendorService, code: Code, message: str) -> VendorAnswer:
-    """The answer of a call that failed."""
+    """Return the answer to a call that has failed."""
     return VendorAnswer(code, message, int(code) if found.result.kind in MAX_INTEGER else found.result.empty)
 
 
 def unknown_service(robot_class: str, method: str) -> str:
-    """The message for an unknown service. It lists the valid ones."""
+    """Return the message for an unknown service, which lists the valid ones."""
     classes = sorted({key[0] for key in REGISTRY})
     if robot_class not in classes:
         return f"there is no class {shown(robot_class)}; valid names: {', '.join(classes)}"
@@ -247,13 +247,13 @@ def bind(found: VendorService, arguments: Any) -> dict[str, Any]:
 
 
 def camel_case(name: str) -> str:
-    """The name in camelCase: getDof for get_dof."""
+    """Return the name in camelCase: getDof for get_dof."""
     first, *others = name.split("_")
     return first + "".join(word[:1].upper() + word[1:] for word in others)
 
 
 def _result(found: VendorService, value: Any) -> Any:
-    """The result in the form of an answer.
+    """Return the result in the form of an answer.
 
     Raises:
         InputError: the arguments are so large that the result is not finite.

@@ -57,8 +57,8 @@ def forward_tool_kinematics(robot: Services, q: list[float]) -> Json:
 
 @service("RobotAlgorithm")
 async def inverse_kinematics(robot: Services, qnear: list[float], pose: list[float]) -> Json:
-    """Inverse kinematics: joint angles for a pose of the tool's tip. Of all solutions found, the nearest to
-    qnear.
+    """Inverse kinematics: joint angles for a pose of the tool's tip. If there are several solutions, the one
+    nearest to qnear is returned.
 
     Args:
         qnear: joint angles, rad, one for each joint.
@@ -72,8 +72,8 @@ async def inverse_kinematics(robot: Services, qnear: list[float], pose: list[flo
 
 @service("RobotAlgorithm")
 async def inverse_tool_kinematics(robot: Services, qnear: list[float], pose: list[float]) -> Json:
-    """Inverse kinematics: joint angles for a pose of the flange. Of all solutions found, the nearest to
-    qnear.
+    """Inverse kinematics: joint angles for a pose of the flange. If there are several solutions, the one
+    nearest to qnear is returned.
 
     Args:
         qnear: joint angles, rad, one for each joint.
@@ -87,8 +87,8 @@ async def inverse_tool_kinematics(robot: Services, qnear: list[float], pose: lis
 
 @service("RobotAlgorithm")
 async def inverse_kinematics_all(robot: Services, pose: list[float]) -> Json:
-    """All branches of the inverse kinematics for a pose of the tool's tip. With seven joints each branch is a
-    circle of the elbow.
+    """All branches of the inverse kinematics for a pose of the tool's tip. With seven joints, each branch is
+    a circle of the elbow.
 
     Args:
         pose: [x, y, z, rx, ry, rz] in the base frame, m and rad.

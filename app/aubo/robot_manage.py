@@ -20,7 +20,7 @@ RECORDINGS = "recordings are made by sequences, see bag_path of POST /sequences/
 
 @service(CLASS)
 async def poweron(robot: Services) -> None:
-    """Check that the drives are on. They are on while the real-time process runs and there is no fault."""
+    """Check that the drives are on. They are on while the real-time process is running without a fault."""
     await robot.link.await_ready_state(STATE_TIMEOUT_S)
 
 
@@ -45,7 +45,7 @@ async def poweroff(robot: Services) -> None:
 
 @service(CLASS)
 async def lock_robot_brake(robot: Services) -> None:
-    """Not supported: the drives are on while the real-time process runs."""
+    """Not supported, because the drives are on while the real-time process is running."""
     del robot
     raise NotSupportedError(NO_BRAKES)
 

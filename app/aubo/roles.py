@@ -78,7 +78,7 @@ no control, because programs share them with monitoring clients.
 
 @cache
 def role_of(robot_class: str, method: str) -> Role:
-    """The role that a service needs.
+    """Return the role that a service needs.
 
     Raises:
         TypeError: a programming error: the service is not in the table.

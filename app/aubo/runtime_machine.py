@@ -25,7 +25,7 @@ async def load_program(robot: Services, program: str) -> None:
 
 @service(CLASS)
 async def run_program(robot: Services, origin: CallOrigin) -> None:
-    """Run the loaded program once. Answers when it has started."""
+    """Run the loaded program once. Returns when it has started."""
     await robot.programs.run(origin.stops)
 
 
@@ -37,7 +37,7 @@ async def start(robot: Services, origin: CallOrigin) -> None:
 
 @service(CLASS)
 async def stop(robot: Services) -> None:
-    """End the program and the motion of any client. Answers when the arm is at rest."""
+    """End the program and the motion of any client. Returns when the arm is at rest."""
     await robot.programs.stop()
 
 
@@ -49,7 +49,7 @@ async def abort(robot: Services) -> None:
 
 @service(CLASS)
 async def pause(robot: Services) -> None:
-    """Pause: the arm stops on its path, and the program waits at its next motion. Answers when the arm is at
+    """Pause: the arm stops on its path, and the program waits at its next motion. Returns when the arm is at
     rest.
 
     Other work of a program continues. A pause of more than an hour ends the motion.

@@ -23,7 +23,7 @@ async def serial_open(
     even: int = 0,
     serial_name: str = NAME,
 ) -> None:
-    """Open a serial port with eight data bits. No other client can open it in the meantime.
+    """Open a serial port with eight data bits. Until it is closed, no other client can open it.
 
     Args:
         device: path of the device, such as /dev/ttyUSB0.

@@ -19,7 +19,7 @@ Function = Callable[..., Any]
 def make_field(
     where: str, parameter: inspect.Parameter, function: Function, documented: dict[str, str]
 ) -> ServiceField:
-    """The request field for a parameter of a vendor service."""
+    """Return the request field for a parameter of a vendor service."""
     name, default = parameter.name, parameter.default
     if name not in documented:
         raise TypeError(f"{where}: its docstring does not describe {name}")
@@ -47,7 +47,7 @@ def find_kind(where: str, name: str, annotation: Any, function: Function) -> str
 
 
 def parse_docstring(where: str, function: Function) -> tuple[str, dict[str, str], str]:
-    """Split a docstring into its introductory sentences, the descriptions of the arguments, and that of the
+    """Split a docstring into its introduction, the descriptions of the arguments, and the description of the
     result.
     """
     text = inspect.getdoc(function)

@@ -18,8 +18,8 @@ ACCELERATION = 0.5
 
 @service(CLASS)
 def sync_move_on(robot: Services, syncident: int, taskset: list[str]) -> None:
-    """Begin synchronous motion: from now on the robots move together, segment by segment. It is enough to
-    call this on one robot.
+    """Begin synchronous motion: from now on, the robots move together, segment by segment. A call on one of
+    the robots is enough.
 
     Args:
         syncident: a number of your choice.
@@ -134,7 +134,7 @@ def axis_group_get_axis_num(robot: Services, name: str) -> int:
 async def axis_group_move_joint(
     robot: Services, name: str, q: list[float], a: float = ACCELERATION, v: float = VELOCITY
 ) -> None:
-    """Move the robots of a group to joint angles. Answers when all have begun. If one stops, all stop.
+    """Move the robots of a group to joint angles. Returns when all have begun. If one stops, all stop.
 
     Args:
         name: group name.
@@ -159,7 +159,7 @@ def frame_add(robot: Services, name: str, pose: list[float], ref_frame: str = WO
 
 @service(CLASS)
 def frame_attach(robot: Services, frame: str, ref_frame: str = WORLD) -> None:
-    """Attach a frame and its children to another parent. Its pose in the world stays the same.
+    """Attach a frame and its children to a different parent. The frame's pose in the world stays the same.
 
     Args:
         frame: frame name.
@@ -212,7 +212,7 @@ def frame_get_pose(robot: Services, name: str, ref_frame: str = WORLD) -> list[f
 
 @service(CLASS)
 def frame_convert_pose(robot: Services, from_frame: str, to_frame: str, pose: list[float]) -> list[float]:
-    """Convert a pose to another frame.
+    """Convert a pose from one frame to another.
 
     Args:
         from_frame: the frame that the pose is given in; empty for world.

@@ -65,7 +65,7 @@ def popup(robot: Services, level: int, title: str, msg: str, mode: int) -> None:
 
 @service(CLASS)
 def peek(robot: Services, num: int, last_number: int = 0) -> Json:
-    """Read the messages; 1000 are kept.
+    """Read the messages. The newest 1000 are kept.
 
     Args:
         num: the maximum number of messages; the newest are returned.

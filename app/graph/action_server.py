@@ -240,7 +240,7 @@ class ActionServer:
         return True
 
     def _forget(self) -> None:
-        """Drop results that no client has requested in time, oldest first."""
+        """Drop results that no client has requested in time, the oldest first."""
         ended = [goal for goal in self._goals.values() if not goal.running]
         oldest_s = self._graph.clock.now_s() - KEPT_S
         for index, goal in enumerate(ended):

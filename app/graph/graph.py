@@ -31,8 +31,8 @@ GRAPH_DELAY_S = 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraphService:
-    """A service on the graph. Its `type` is of the form pkg/srv/Name, or pkg/action/Name_SendGoal and the
-    like.
+    """A service on the graph. Its `type` is of the form pkg/srv/Name or, for parts of an action,
+    pkg/action/Name_SendGoal and similar.
     """
 
     name: str
@@ -112,7 +112,7 @@ class Graph(Topics):
         return service
 
     async def call_service(self, name: str, arguments: Message) -> Message:
-        """Call a service. Fields that are missing in the request get ROS's default.
+        """Call a service. Fields that are missing in the request get ROS's default values.
 
         Raises:
             NotFoundError: there is no such service.
@@ -153,7 +153,8 @@ class Graph(Topics):
         arguments: Message,
         on_feedback: Callable[[Message], None] | None = None,
     ) -> tuple[GoalStatus, Message]:
-        """Send a goal to an action and wait for its end. Returns the status and the result of the goal.
+        """Send a goal to an action, and wait for the goal's end. Returns the status and the result of the
+        goal.
 
         Args:
             goal_id: id of the goal: 32 hexadecimal digits that were never used before.
@@ -191,7 +192,7 @@ class Graph(Topics):
 
     def graph(self) -> dict[str, Any]:
         """Return the part of the graph that other networks may mirror. Entries that come from these networks,
-        or that these networks already have, are left out.
+        or that they already have, are omitted.
         """
         services = [
             {"name": service.name, "type": service.type}

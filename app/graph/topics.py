@@ -155,7 +155,7 @@ class Topics:
         """Called when a topic, a publisher or a subscription has been added or removed."""
 
     def graph_of_topics(self) -> list[dict[str, Any]]:
-        """List the topics that another network may mirror. Topics that it owns or already has are left out.
+        """List the topics that another network may mirror, without those that it owns or already has.
 
         A topic without an advertiser is listed once for each subscribed type, so that no subscription
         determines the type for the others.

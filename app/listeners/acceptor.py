@@ -216,5 +216,5 @@ class Acceptor:
 
 
 def has_gone(connection: socket.socket) -> bool:
-    """Whether the client has already closed the connection. A handshake would then be useless."""
+    """Whether the client has already closed the connection, which makes a handshake useless."""
     return connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 1)[0] in (TCP_CLOSE, TCP_CLOSE_WAIT)

@@ -269,7 +269,7 @@ class HttpProtocol(HttpToolsProtocol):
             raise _Refused
 
     def _take_host(self) -> None:
-        """Take the host from an absolute target, as clients send it to proxies. It overrides `Host`.
+        """Use the host in an absolute target, which clients send to proxies. It overrides `Host`.
 
         RFC 9112, 3.2.2. A missing or duplicate `Host` is not repaired, and is rejected later.
         """

@@ -46,7 +46,7 @@ def takes_fields_of(body: type[BaseModel], *names: str) -> Callable[[Tool], Tool
 
 
 def arguments_of(tool: Callable[..., Any]) -> type[StrictModel]:
-    """The model of a tool's arguments, derived from its signature."""
+    """Return the model of a tool's arguments, derived from its signature."""
     hints = get_type_hints(tool, include_extras=True)
     fields: dict[str, Any] = {
         name: (hints[name], ... if parameter.default is Parameter.empty else parameter.default)

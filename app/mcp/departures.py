@@ -23,7 +23,7 @@ Key = tuple[str, str, str]
 
 
 class Departures:
-    """The clients of one service that leave before their request is answered."""
+    """Detects clients of one service that leave before their request is answered."""
 
     def __init__(self) -> None:
         self._under_way: dict[Key, set[asyncio.Event]] = {}

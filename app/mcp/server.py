@@ -74,7 +74,7 @@ class AgentServer(MCPServer[Any]):
     async def call_tool(
         self, name: str, arguments: dict[str, Any], context: Context[Any, Any] | None = None
     ) -> CallToolResult | InputRequiredResult:
-        """Call a tool. A rejected call is a result with `is_error`, with the reason in words and its code."""
+        """Call a tool. The result of a rejected call has `is_error`, the reason in words and its code."""
         if name not in self._known:
             valid = ", ".join(self._known)
             return refusal(NotFoundError(f"there is no tool {shown(name)}; valid names: {valid}"))
@@ -130,12 +130,12 @@ class AgentServer(MCPServer[Any]):
 
 
 def refused_by(exc: BaseException | None) -> CobotError | None:
-    """The error behind a tool's error; None for a programming error in the tool."""
+    """Return the error behind a tool's error; None for a programming error in the tool."""
     return exc if exc is None or isinstance(exc, CobotError) else refused_by(exc.__cause__)
 
 
 def refusal(error: CobotError, text: str = "") -> CallToolResult:
-    """The result of a rejected call: a sentence, and its code as structured content.
+    """Return the result of a rejected call: a sentence, and its code as structured content.
 
     Args:
         text: the sentence; if it is empty, the text of the error is used.
@@ -188,7 +188,7 @@ def _offer_resources(server: MCPServer, app: FastAPI) -> None:
 
     @server.resource("cobot://robots", mime_type="application/json")
     def robots() -> str:
-        """The robots: joints, base frame, named positions."""
+        """The robots, with their joints, base frame and named positions."""
         return json.dumps(
             {
                 name: {

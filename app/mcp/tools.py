@@ -73,8 +73,8 @@ class _Rest:
 
 
 def read_decision(answer: tuple[int, Any]) -> Any:
-    """The document of an answer. Raises ToolError if the answer is not a success, with the reason in
-    words.
+    """Return the document of an answer. Raises ToolError, with the reason in words, if the answer is not a
+    success.
     """
     status, content = answer
     if status == HTTPStatus.OK:
@@ -84,7 +84,9 @@ def read_decision(answer: tuple[int, Any]) -> Any:
 
 
 async def get_state(ctx: Ctx, robot: Robot = "") -> dict[str, Any]:
-    """Joint angles (rad), TCP pose (m, quaternion, in the base frame), mode, holder of control, health."""
+    """Return the joint angles (rad), the TCP pose (m, quaternion, in the base frame), the mode, the client
+    that has control, and the health.
+    """
     rest = _Rest(ctx, robot)
     return {
         "joints": await rest.get("/robot/joint_states"),
@@ -95,24 +97,24 @@ async def get_state(ctx: Ctx, robot: Robot = "") -> dict[str, Any]:
 
 
 async def list_positions(ctx: Ctx, robot: Robot = "") -> Any:
-    """The named positions that plan_to_position takes, with their joint angles in rad."""
+    """Return the named positions for plan_to_position, with their joint angles in rad."""
     return {"positions": await _Rest(ctx, robot).get("/robot/positions")}
 
 
 async def get_scene(ctx: Ctx, robot: Robot = "") -> Any:
-    """The objects around the arm and in its hand, and the named frames. Every plan avoids these objects."""
+    """Return the objects around the arm and in its hand, and the named frames. Every plan avoids these
+    objects.
+    """
     return await _Rest(ctx, robot).get("/scene")
 
 
 async def plan_to_position(ctx: Ctx, name: Name, speed: Speed = 0.1, robot: Robot = "") -> Any:
-    """Plan a motion to a named position. Nothing moves; answers with a plan_id."""
+    """Plan a motion to a named position. Nothing moves. Returns a plan_id."""
     return await _plan(ctx, robot, "named", {"name": name, "speed": speed})
 
 
 async def plan_to_joints(ctx: Ctx, joints: JointAngles, speed: Speed = 0.1, robot: Robot = "") -> Any:
-    """Plan a motion to joint angles in rad, in the order of get_state. Nothing moves; answers with a
-    plan_id.
-    """
+    """Plan a motion to joint angles in rad, in the order of get_state. Nothing moves. Returns a plan_id."""
     return await _plan(ctx, robot, "joints", {"joints": joints, "speed": speed})
 
 
@@ -132,15 +134,15 @@ async def plan_to_pose(
     robot: Robot = "",
     **fields: Any,
 ) -> Any:
-    """Plan a TCP motion to a pose: m and rad. Nothing moves; answers with a plan_id."""
+    """Plan a TCP motion to a pose, in m and rad. Nothing moves. Returns a plan_id."""
     body = {"x": x, "y": y, "z": z, "a": a, "b": b, "c": c, "planner": planner}
     return await _plan(ctx, robot, "pose", body | fields)
 
 
 @takes_fields_of(PlanPath, "poses", "radius", "speed", "frame_id", "free_axes", "cyclic")
 async def plan_path(ctx: Ctx, robot: Robot = "", **fields: Any) -> Any:
-    """Plan straight lines of the TCP through poses: m and rad. A path that leads back to its start can be
-    repeated if `cyclic` is true. Nothing moves; answers with a plan_id.
+    """Plan straight lines of the TCP through poses, in m and rad. A path that leads back to its start can be
+    repeated if `cyclic` is true. Nothing moves. Returns a plan_id.
     """
     return await _plan(ctx, robot, "path", fields)
 
@@ -149,40 +151,42 @@ async def plan_path(ctx: Ctx, robot: Robot = "", **fields: Any) -> Any:
     PlanArc, "centre", "axis", "angle", "rise", "turn_tool", "speed", "frame_id", "free_axes", "cyclic"
 )
 async def plan_arc(ctx: Ctx, robot: Robot = "", **fields: Any) -> Any:
-    """Plan an arc, a circle or a helix of the TCP about an axis: m and rad. Nothing moves; answers with a
+    """Plan an arc, a circle or a helix of the TCP about an axis, in m and rad. Nothing moves. Returns a
     plan_id.
     """
     return await _plan(ctx, robot, "arc", fields)
 
 
 async def get_gripper(ctx: Ctx, robot: Robot = "") -> Any:
-    """The gripper: width (m), force (N), whether it moves, the object that it holds, and its ranges."""
+    """Return the state of the gripper: width (m), force (N), whether it is moving, the object that it holds,
+    and its ranges.
+    """
     return await _Rest(ctx, robot).get("/robot/gripper")
 
 
 @takes_fields_of(GripperMove, "width", "speed", "force")
 async def plan_gripper_move(ctx: Ctx, robot: Robot = "", **fields: Any) -> Any:
-    """Plan to move the fingers to a width. Nothing moves; answers with a plan_id."""
+    """Plan to move the fingers to a width. Nothing moves. Returns a plan_id."""
     return await _plan_gripper(ctx, robot, "move", fields)
 
 
 @takes_fields_of(GripperGrasp, "width", "tolerance_inner", "tolerance_outer", "speed", "force", "if_missed")
 async def plan_gripper_grasp(ctx: Ctx, robot: Robot = "", **fields: Any) -> Any:
-    """Plan to close the fingers on an object and hold it. Nothing moves; answers with a plan_id."""
+    """Plan to close the fingers on an object and hold it. Nothing moves. Returns a plan_id."""
     return await _plan_gripper(ctx, robot, "grasp", fields)
 
 
 @takes_fields_of(GripperRelease, "width")
 async def plan_gripper_release(ctx: Ctx, robot: Robot = "", **fields: Any) -> Any:
-    """Plan to open the fingers and release the object at the arm's current position. Nothing moves; answers
-    with a plan_id.
+    """Plan to open the fingers and release the object at the arm's current position. Nothing moves. Returns a
+    plan_id.
     """
     return await _plan_gripper(ctx, robot, "release", fields)
 
 
 async def plan_gripper_home(ctx: Ctx, robot: Robot = "") -> Any:
     """Plan to activate the gripper. Its fingers may then close and open, and drop a held object. Nothing
-    moves; answers with a plan_id.
+    moves. Returns a plan_id.
     """
     return await _plan_gripper(ctx, robot, "home", {})
 
@@ -195,7 +199,9 @@ async def stop_gripper(ctx: Ctx, robot: Robot = "") -> Any:
 
 
 async def preview(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> list[Any]:
-    """A picture of a plan: the arm at its end, faintly at its start, the path of the TCP in blue."""
+    """Return a picture of a plan: the arm at its end and, faintly, at its start, and the path of the TCP in
+    blue.
+    """
     rest = _Rest(ctx, robot)
     try:
         png = await rest.services.plans.picture(plan_id)
@@ -243,7 +249,7 @@ async def execute(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> dict[str, Any
 
 
 async def rehearse(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> Any:
-    """Run a plan on a simulated copy of the robot. The robot does not move. Answers whether the plan runs to
+    """Run a plan on a simulated copy of the robot. The robot does not move. Reports whether the plan runs to
     its end, its duration, the effort of each joint, the smallest distances, and the first problem.
     """
     rest = _Rest(ctx, robot)
@@ -265,12 +271,12 @@ async def stop(ctx: Ctx, robot: Robot = "") -> Any:
 
 
 async def list_plans(ctx: Ctx, robot: Robot = "") -> Any:
-    """The kept plans, and the client that has approved each."""
+    """Return the kept plans, and the client that has approved each."""
     return {"plans": await _Rest(ctx, robot).get("/robot/plans")}
 
 
 async def get_sequence(ctx: Ctx, lines: LogLines = 50, robot: Robot = "") -> Any:
-    """Whether a sequence is running or how it ended, and the last lines of its output."""
+    """Report whether a sequence is running or how it has ended, and the last lines of its output."""
     rest = _Rest(ctx, robot)
     return {
         "status": await rest.get("/sequences/status"),
@@ -279,12 +285,14 @@ async def get_sequence(ctx: Ctx, lines: LogLines = 50, robot: Robot = "") -> Any
 
 
 async def get_log(ctx: Ctx, lines: LogLines = 50, robot: Robot = "") -> Any:
-    """The last log lines about motions."""
+    """Return the last log lines about motions."""
     return await _Rest(ctx, robot).get("/trajectory/logs", n=lines)
 
 
 async def why_did_it_stop(ctx: Ctx, robot: Robot = "") -> dict[str, Any]:
-    """Why the arm does not move: mode, reason, interventions of the safety layer, the last motions."""
+    """Report why the arm does not move: the mode and its reason, interventions of the safety layer, and the
+    last motions.
+    """
     rest = _Rest(ctx, robot)
     state = rest.services.link.state()
     return {

@@ -35,7 +35,7 @@ def inline_scripts(site: Path) -> Iterator[str]:
 
 
 class _Manual:
-    """Serves the last build of the site; returns an error if it was never built."""
+    """Serves the last build of the site, or an error if it was never built."""
 
     def __init__(self, site: Path) -> None:
         self._site = site

@@ -373,7 +373,7 @@ class RosbridgeConnection:
         return None
 
     def _arguments(self, arguments: Message | list[Any] | None, type_: str) -> Message:
-        """Return the arguments as a dictionary. Clients may omit the names."""
+        """Return the arguments as a dictionary. Clients may send only the values."""
         if not isinstance(arguments, list):
             return {} if arguments is None else arguments
         names = list(self._graph.messages.record(type_).fields)

@@ -1,4 +1,4 @@
-"""Maps packets to cycles. Each cycle uses the newest packet. A lost packet still counts as one period."""
+"""Maps packets to cycles. Each cycle uses the newest packet. A lost packet still takes one period."""
 
 from __future__ import annotations
 

@@ -122,8 +122,8 @@ cdef class Springs:
     cdef void _pull_tcp(
         self, const double* position, const double* velocity_error, double* torques
     ) noexcept nogil:
-        """Keep only the part of the joint springs' torques that does not move the TCP, and add those of the
-        TCP's own springs.
+        """Keep only the part of the joint springs' torques that does not move the TCP, and add the torques of
+        the TCP's own springs.
         """
         cdef double force[6]
         cdef double twist[6]

@@ -26,7 +26,7 @@ MOTIONS_UNDER_LOSS = 3
 
 
 def survives(fault: str, cell: CheckedBackend) -> str:
-    """A motion continues in spite of lost or reordered packets, and no command exceeds the limits."""
+    """A motion continues despite lost or reordered packets, and no command exceeds the limits."""
     with cell.drive() as driver:
         _require(driver, fault)
         before = len(driver.heard.commands)

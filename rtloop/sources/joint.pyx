@@ -29,7 +29,8 @@ cdef enum:
     MAX_CHUNK = 64
 cdef double MAX_CHUNK_S = 600.0
 
-assert CHUNK_POINTS == MAX_CHUNK, "the chunk block of cobot.ipc.layout has another format than this module"
+assert CHUNK_POINTS == MAX_CHUNK, "the chunk block of cobot.ipc.layout has a different format from this "
+                                  "module"
 
 
 cdef class JointSource(Source):

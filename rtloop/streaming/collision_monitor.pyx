@@ -22,8 +22,8 @@ cdef double LATE_CYCLES = LOOK_CYCLES + 2.0
 # The arm continues for T s before it decelerates: at the velocity v it moves v T further. At the beginning of
 # a motion, the acceleration may also grow, which adds up to 2 v T.
 cdef double LEAD = 3.0
-# Joints come to rest one after the other, so the arm does not decelerate along a straight line. After these
-# shares of the stopping time, it has moved about a third and two thirds of the way.
+# Joints stop one after another, so the arm does not decelerate along a straight line. After these shares of
+# the stopping time, it has moved about a third and two thirds of the way.
 cdef double FIRST_THIRD = 0.18
 cdef double SECOND_THIRD = 0.42
 

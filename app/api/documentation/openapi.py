@@ -29,7 +29,7 @@ JOINT_FIELDS = (("MoveJoints", "joints"), ("TrajectoryPoint", "positions"))
 def with_limits(
     openapi: Callable[[], dict[str, Any]], robots: dict[str, JointLimits]
 ) -> Callable[[], dict[str, Any]]:
-    """A schema function that includes the number of joints and their position limits.
+    """Return a schema function that includes the number of joints and their position limits.
 
     The limits in the schema are for documentation and generated clients. `cobot.robot.limits` checks the
     requests, with error messages that name the joint. If the robots differ, the schema permits every value
@@ -67,13 +67,15 @@ def with_limits(
 
 
 def first_sentence(description: str) -> str:
-    """The first sentence of a description, which may be wrapped."""
+    """Return the first sentence of a description, which may be wrapped."""
     paragraph = " ".join(description.partition("\n\n")[0].split())
     return paragraph.partition(". ")[0].rstrip(".") + "."
 
 
 def version(robots: dict[str, JointLimits]) -> Hashable:
-    """The version of the result of `with_limits`. A reload that changes the result changes the version."""
+    """Return the version of the result of `with_limits`. A reload that changes the result changes the
+    version.
+    """
     return tuple((each.min_position.tobytes(), each.max_position.tobytes()) for each in robots.values())
 
 
@@ -107,7 +109,7 @@ Row = tuple[str, float, float]
 
 
 def _add(parameter: dict[str, Any], endpoint: dict[str, Any]) -> None:
-    """Add a parameter unless the schema already contains it. FastAPI reuses a schema once it has made it."""
+    """Add a parameter, unless the schema already contains it because FastAPI has reused it."""
     parameters = endpoint.setdefault("parameters", [])
     if parameter not in parameters:
         parameters.append(parameter)
@@ -149,7 +151,8 @@ def _present(rows: tuple[Row | None, ...]) -> list[Row]:
 def with_tokens(
     openapi: Callable[[], dict[str, Any]], roles: Mapping[str, Role]
 ) -> Callable[[], dict[str, Any]]:
-    """A schema function that states the role that each endpoint needs, so that Swagger asks for a token.
+    """Return a schema function that states the role that each endpoint needs, so that Swagger asks for a
+    token.
 
     Args:
         roles: role of each endpoint. An endpoint's schema may override it with `x-role`.
@@ -173,8 +176,8 @@ def with_tokens(
 
 
 def error_components(*statuses: int) -> dict[str, Any]:
-    """Error answers for `components.responses`. Each is listed only once, to keep the document of 300
-    endpoints small.
+    """Return the error answers for `components.responses`. Each is listed only once, to keep the document of
+    300 endpoints small.
     """
     reference = {"schema": {"$ref": "#/components/schemas/ErrorAnswer"}}
     return {
@@ -184,5 +187,5 @@ def error_components(*statuses: int) -> dict[str, Any]:
 
 
 def error_references(*statuses: int) -> dict[str, Any]:
-    """References to the error responses, for an endpoint."""
+    """Return references to the error responses, for an endpoint."""
     return {str(status): {"$ref": f"#/components/responses/Error{status}"} for status in statuses}

@@ -36,5 +36,5 @@ SAMPLES = {
 
 
 def link(name: str) -> str:
-    """A link to a sample, in Markdown."""
+    """Return a link to a sample, in Markdown."""
     return f"[{name}]({SAMPLES_PATH}/{name})"

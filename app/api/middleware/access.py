@@ -79,13 +79,13 @@ _PICKED = FORWARDING.union(
 
 
 def identity_of(connection: HTTPConnection) -> Identity:
-    """The identity of the client that sent a request or opened a WebSocket."""
+    """Return the identity of the client that has sent a request or opened a WebSocket."""
     return cast(Identity, connection.scope[IDENTITY])
 
 
 class Access:
-    """The middleware. It adds no coroutine to HTTP requests, which makes frequent ones such as GET
-    /robot/state cheaper.
+    """ASGI middleware. It adds no coroutine to HTTP requests, which keeps frequent ones such as GET
+    /robot/state cheap.
 
     Args:
         required: whether clients need a token. If they do not, a client without a token has all permissions.

@@ -127,7 +127,7 @@ def _who(scope: Scope) -> str:
 
 
 def _request_id(scope: Scope) -> str:
-    """Return the client's own request id, so that the client finds its requests in the log, or else a new
+    """Return the client's own request id, with which it can find its requests in the log, or else a new
     id.
     """
     for name, value in scope["headers"]:

@@ -46,7 +46,7 @@ class Clients:
 
 
 def client_of(scope: Scope) -> RequestClient:
-    """The client that has sent a request or opened a WebSocket."""
+    """Return the client that has sent a request or opened a WebSocket."""
     identity: Any = scope.get(IDENTITY)
     peer = scope.get("client")
     leases: list[str] = []

@@ -45,7 +45,7 @@ Handler = Callable[[Request], Coroutine[Any, Any, Response]]
 
 
 def key_of(request: Request) -> str | None:
-    """The key of a request, without the quotation marks that the draft requires; None without a key.
+    """Return the key of a request, without the quotation marks that the draft requires; None without a key.
 
     Raises:
         InputError: the key is empty, too long, has invalid characters, or occurs several times.
@@ -69,7 +69,7 @@ def key_of(request: Request) -> str | None:
 
 
 async def answer_once(request: Request, key: str, handler: Handler) -> Response:
-    """Process a request, unless a request with its key was processed before.
+    """Process a request, unless a request with the same key has already been processed.
 
     Raises:
         InputError: the key is that of another request.

@@ -53,7 +53,7 @@ class Origins:
         self.take_over(web)
 
     def take_over(self, web: WebSection) -> None:
-        """Use these lists from the next request on."""
+        """Use these lists, beginning with the next request."""
         self.listed = frozenset(origin.encode() for origin in web.allowed_origins)
         self._names = self._own.union(host.lower() for host in web.allowed_hosts)
         self._host_known.cache_clear()
@@ -107,7 +107,7 @@ class Origins:
 
 
 def _same(origin: bytes, host: bytes, secure: bool) -> bool:
-    """Whether a page with this origin came from this host, with the scheme that is served here.
+    """Whether an origin is this host, with the scheme that is served here.
 
     Headers from a proxy are ignored. If a proxy adds TLS, `allowed_origins` must list the origin of the
     pages.

@@ -30,6 +30,6 @@ class Versions:
 
 
 def plain_path(scope: Scope) -> str:
-    """The path of a request without the version."""
+    """Return the path of a request without the API version."""
     path: str = scope["path"]
     return path.removeprefix(scope.get("root_path", ""))

@@ -124,7 +124,7 @@ def _to_pose(body: MovePose, constraints: Constraints | None, budget_s: float) -
 
 
 def constraints_of(asked: MotionConstraints | None, limits: JointLimits) -> Constraints | None:
-    """The path constraints of a request; None for a request without constraints.
+    """Return the path constraints of a request; None if it has none.
 
     Raises:
         InputError: a direction without length, an empty box or range, or an unknown joint.

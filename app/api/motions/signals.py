@@ -36,7 +36,7 @@ from cobot.types import Scaling
 
 
 def signals_of(body: AnyMotion, scaling: Scaling, services: Services) -> PathSignals:
-    """The actions and conditions of a request.
+    """Return the actions and conditions of a request.
 
     Args:
         scaling: scaling of the motion.
@@ -62,7 +62,7 @@ def signals_of(body: AnyMotion, scaling: Scaling, services: Services) -> PathSig
 
 
 def input_condition(services: Services, field: str, body: StepCondition) -> Condition:
-    """A condition on an input.
+    """Return a condition on an input.
 
     Raises:
         InputError, NotSupportedError, UnavailableError: see `signals_of`.
@@ -107,7 +107,7 @@ class _Reader:
         return self.on_input(field, body.input, body)
 
     def on_input(self, field: str, name: str, body: InputTest) -> Condition:
-        """The condition on the input with this name."""
+        """Return the condition on the input with this name."""
         points = self.points(field)
         point = next((each for each in points if each.name == name), None)
         if point is None or point.is_output:

@@ -34,7 +34,7 @@ router = EndpointRouter(tags=["operations"])
 
 @router.endpoint("GET /access/tokens", Role.ADMIN, timeout_s=1.5, costly=True, responses=responses(503))
 async def access_tokens(request: Request, response: Response) -> TokensAnswer:
-    """Names, roles and times of all access tokens; never the tokens or their hashes."""
+    """Return the names, roles and times of all access tokens, but never the tokens or their hashes."""
     response.headers["Cache-Control"] = "no-store"
     found = await asyncio.to_thread(_tokens_of(request).file.read)
     return _listed(request, found)
@@ -47,7 +47,7 @@ async def access_tokens(request: Request, response: Response) -> TokensAnswer:
     responses=responses(403, 409, 503),
 )
 async def create_access_token(body: CreateToken, request: Request, response: Response) -> CreatedToken:
-    """Create an access token, which is valid at once. Only this answer has the token itself.
+    """Create an access token, which is valid at once. Only this answer contains the token itself.
 
     The request must use a token of an administrator.
     """

@@ -20,7 +20,7 @@ router = EndpointRouter(tags=["operations"])
     "GET /audit", Role.ADMIN, timeout_s=1.5, costly=True, response_model=AuditAnswer, responses=responses(422)
 )
 async def audit(query: Annotated[AuditQuery, Query()], request: Request) -> Response:
-    """Requests that change something, with their client and result; the newest first."""
+    """Return the requests that change something, with their client and result, the newest first."""
     state = request.app.state
     content = await asyncio.to_thread(_newest, cast(Audit, state.audit), query)
     return Response(content, media_type="application/json")

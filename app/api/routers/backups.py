@@ -36,7 +36,8 @@ router = EndpointRouter(tags=["operations"])
     responses=responses(503) | ARCHIVE,
 )
 async def backup(request: Request) -> Response:
-    """Settings file, tool, scene with frames, taught positions and stored programs as a ZIP archive.
+    """Return the settings file, tool, scene with frames, taught positions and stored programs as a ZIP
+    archive.
 
     The archive contains no tokens, certificates, recordings or logs.
     """
@@ -48,7 +49,7 @@ async def backup(request: Request) -> Response:
 async def restore(
     request: Request, file: Annotated[UploadFile, File(description="An archive of GET /admin/backup.")]
 ) -> RestoreAnswer:
-    """Check a backup completely, and restore it at the next start of cobot. Until then nothing changes.
+    """Check a backup completely, and restore it at the next start of cobot. Nothing changes before that.
 
     The backup must have robots with the same names and joints, and must not come from a newer cobot.
     """
@@ -69,7 +70,9 @@ async def restore(
     responses=ARCHIVE,
 )
 async def support(request: Request) -> Response:
-    """Settings without secrets, versions, health, logs, events, jobs and statistics as a ZIP archive."""
+    """Return settings without secrets, versions, health, logs, events, jobs and statistics as a ZIP
+    archive.
+    """
     state = request.app.state
     newest = state.events.since(max(0, state.events.newest - MAX_EVENTS), MAX_EVENTS)
     live = {

@@ -72,7 +72,7 @@ class TimeFactorAnswer(BaseModel):
 
 
 class CellAnswer(BaseModel):
-    """The cell as it is now."""
+    """The current state of the cell."""
 
     parts: list[PartAnswer] = Field(description="The parts, in the order of the cell file.")
     switches: list[IoAnswer] = Field(
@@ -117,7 +117,7 @@ async def cell(
         bool, Query(description="Whether the response has the triangles of parts that are meshes.")
     ] = False,
 ) -> Response:
-    """The positions of the parts in the simulated cell, and the values of its switches.
+    """Return the positions of the parts in the simulated cell, and the values of its switches.
 
     A robot without a cell answers 404.
     """
@@ -134,7 +134,8 @@ async def cell(
     "POST /cell/reset", Role.OPERATOR, timeout_s=2.0, control=True, responses=responses(404, 409, 503)
 )
 async def reset_cell(request: Request) -> CellAnswer:
-    """Reset parts, hand, outputs and counters to their state at the start. The arm stays where it is.
+    """Reset the parts, the hand, the outputs and the counters to their initial state. The arm stays where it
+    is.
 
     Rejected with 409 while the arm is moving.
     """
@@ -151,7 +152,7 @@ async def reset_cell(request: Request) -> CellAnswer:
     responses=responses(409, 501, 503),
 )
 async def reset_simulation(request: Request) -> ResetAnswer:
-    """Restart the simulation: an e-stop or a fault is cleared, and arm and cell return to their initial
+    """Restart the simulation: clear an e-stop or a fault, and return the arm and the cell to their initial
     state.
 
     Scene, tool and positions stay. Rejected with 409 while the arm is moving or a program is running, and

@@ -37,7 +37,7 @@ Category = Annotated[
 
 @router.endpoint("POST /stop", Role.OBSERVER, timeout_s=10.0, responses=responses(422))
 async def stop(request: Request, category: Category = HELD) -> StopAnswer:
-    """End the sequence, the planning and the motion: the arm stops on its path.
+    """End the sequence, the planning and the motion. The arm stops on its path.
 
     Without the name of a robot it stops all robots and reports on all of them. It takes no body, needs no
     control, and may be repeated. It is not an emergency stop: it neither removes power nor replaces the
@@ -55,10 +55,11 @@ async def stop(request: Request, category: Category = HELD) -> StopAnswer:
 
 @router.endpoint("GET /health/ready", Role.PUBLIC, timeout_s=1.5, responses=responses(503))
 async def ready(request: Request) -> ReadyAnswer:
-    """Whether the robot would execute motions; if not, 503 with the reasons.
+    """Report whether the robot would execute motions. If not, the answer is a 503 with the reasons.
 
-    Ready means that the real-time process runs and reads its robot, that the planners have started, and that
-    no e-stop or fault is latched. A robot that moves is ready. Without a robot name, all must be ready.
+    Ready means that the real-time process is running and reads its robot, that the planners have started, and
+    that no e-stop or fault is latched. A moving robot is ready. Without a robot name, all robots must be
+    ready.
     """
     robots = {name: services.health.obstacles() for name, services in addressed(request).items()}
     obstacles = [f"{name}: {each}" for name, found in robots.items() for each in found]
@@ -69,7 +70,7 @@ async def ready(request: Request) -> ReadyAnswer:
 
 @router.endpoint("GET /health", Role.OBSERVER, timeout_s=1.5)
 async def health(request: Request) -> HealthAnswer:
-    """Processes, cycle times, interventions of the safety layer, versions.
+    """Return the state of the processes, cycle times, interventions of the safety layer, and versions.
 
     Without a robot name, `robots` has the health of each; the other fields are those of the default robot.
     """

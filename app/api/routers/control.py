@@ -22,13 +22,13 @@ REST_S = 1.5
 
 @router.endpoint("GET /robot/control", Role.OBSERVER, timeout_s=1.5)
 async def control(request: Request) -> ControlAnswer:
-    """The client that controls the robot: by a lease, or by a running motion."""
+    """Return the client that controls the robot, by a lease or by a running motion."""
     return ControlAnswer.model_validate(_state(Call(request).services))
 
 
 @router.endpoint("POST /robot/control", Role.OPERATOR, timeout_s=10.0, responses=responses(409))
 async def take_control(body: TakeControl, request: Request) -> TakenAnswer:
-    """Take control, renew it, or take it over. Then no other client can move the robot.
+    """Take control, renew it, or take it over. After that, no other client can move the robot.
 
     Send the answer's `token` as the header `X-Control-Token` with each request that moves the robot. The
     lease ends when it is released, or when nothing has moved for `timeout_s`. A stop never needs control.
@@ -45,7 +45,7 @@ async def take_control(body: TakeControl, request: Request) -> TakenAnswer:
 
 @router.endpoint("DELETE /robot/control", Role.OPERATOR, timeout_s=1.5, responses=responses(409))
 async def release_control(request: Request) -> ControlAnswer:
-    """Give control back. A running motion continues."""
+    """Release control. A running motion continues."""
     services = Call(request).services
     services.control.release()
     return ControlAnswer.model_validate(_state(services))

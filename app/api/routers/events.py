@@ -77,7 +77,7 @@ class EventsQuery(StrictModel):
     },
 )
 async def events(query: Annotated[EventsQuery, Query()], request: Request) -> Response:
-    """Numbered events, as server-sent events or over a WebSocket on the same path.
+    """Send numbered events, as server-sent events or over a WebSocket on the same path.
 
     A client that reconnects with the number of the last event that it knows (`Last-Event-ID`, or `after`)
     gets those that it has missed. A slow client loses events, gets an event of the type `lost` about it, and
@@ -207,7 +207,7 @@ def _types(given: str | None) -> frozenset[str] | None:
 
 
 def sse(event: Event, epoch: str) -> str:
-    """An event as a block of text/event-stream. A keep-alive event has no id."""
+    """Return an event as a block of text/event-stream. A keep-alive event has no id."""
     place = "" if event.number is None else f"id: {epoch}-{event.number}\n"
     if event.type == "alive":
         return f"{place}\n"

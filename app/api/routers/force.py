@@ -39,7 +39,7 @@ class ForceZeroAnswer(BaseModel):
     "POST /robot/force/zero", Role.OPERATOR, timeout_s=5.0, control=True, responses=responses(409, 501, 503)
 )
 async def zero_force(request: Request) -> ForceZeroAnswer:
-    """Define the force and torque that are measured now, at rest, as zero.
+    """Define the force and torque that are now measured at rest as zero.
 
     Motions whose `until` has `relative_to: "zero"` use this zero. A new tool and a restart of the service
     make it invalid.

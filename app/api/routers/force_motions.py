@@ -109,25 +109,29 @@ router = EndpointRouter(tags=["force"])
 
 @router.endpoint("POST /robot/force/press", Role.OPERATOR, timeout_s=60.0, control=True, **FORCE)
 async def press(body: PressMotion, request: Request, gone: Gone, wait: Wait = True) -> Answer:
-    """Approach until the TCP touches, then hold a force for a given time."""
+    """Approach until the TCP touches something, then hold a force for a given time."""
     return await _run(body, request, gone, wait)
 
 
 @router.endpoint("POST /robot/force/follow", Role.OPERATOR, timeout_s=90.0, control=True, **FORCE)
 async def follow(body: FollowMotion, request: Request, gone: Gone, wait: Wait = True) -> Answer:
-    """Approach until the TCP touches, then move along a path and hold the force, for example to polish."""
+    """Approach until the TCP touches something, then move along a path and hold the force, for example to
+    polish.
+    """
     return await _run(body, request, gone, wait)
 
 
 @router.endpoint("POST /robot/force/search", Role.OPERATOR, timeout_s=90.0, control=True, **FORCE)
 async def search(body: SearchMotion, request: Request, gone: Gone, wait: Wait = True) -> Answer:
-    """Approach until the TCP touches, then look for a hole or an edge along a pattern, in contact."""
+    """Approach until the TCP touches something, then search along a pattern, in contact, for a hole or an
+    edge.
+    """
     return await _run(body, request, gone, wait)
 
 
 @router.endpoint("POST /robot/force/insert", Role.OPERATOR, timeout_s=90.0, control=True, **FORCE)
 async def insert(body: InsertMotion, request: Request, gone: Gone, wait: Wait = True) -> Answer:
-    """Search for a hole, then push in compliantly to a depth."""
+    """Search for a hole, then push a part into it compliantly, to a given depth."""
     return await _run(body, request, gone, wait)
 
 

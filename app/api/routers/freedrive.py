@@ -38,7 +38,7 @@ class Freedrive(RequestModel):
 
 
 class FreedriveAnswer(ReasonFields):
-    """State of freedrive. The code and the values are those of `limited_by`, or else of `ended`."""
+    """State of freedrive. The code and the values belong to `limited_by` or, if that is empty, to `ended`."""
 
     session: int | None = Field(description="Number of the current session; null while freedrive is off.")
     left_s: float = Field(description="Time until freedrive ends without a renewal, s.")
@@ -48,7 +48,7 @@ class FreedriveAnswer(ReasonFields):
 
 @router.endpoint("GET /robot/freedrive", Role.OBSERVER, timeout_s=1.5)
 async def freedrive(request: Request) -> FreedriveAnswer:
-    """Whether the arm can be moved by hand now."""
+    """Report whether the arm can be moved by hand now."""
     return _answer(Call(request).services.freedrive)
 
 
@@ -73,7 +73,7 @@ async def begin_freedrive(body: Freedrive, request: Request) -> FreedriveAnswer:
 
 @router.endpoint("DELETE /robot/freedrive", Role.OPERATOR, timeout_s=5.0, responses=responses(503))
 async def end_freedrive(request: Request) -> FreedriveAnswer:
-    """End freedrive of any client; answers when the arm is at rest."""
+    """End freedrive of any client. Returns when the arm is at rest."""
     service = Call(request).services.freedrive
     await service.end()
     return _answer(service)

@@ -56,7 +56,7 @@ PART_COLOR = (0.85, 0.51, 0.17)
 
 
 class PoseIn(BaseModel):
-    """A pose in another frame."""
+    """A pose in a different frame."""
 
     position: list[float] = Field(description="x, y, z, m")
     quaternion: list[float] = Field(description="x, y, z, w")
@@ -156,7 +156,7 @@ class VisualsAnswer(BaseModel):
     "GET /robot/visuals", Role.OBSERVER, timeout_s=1.5, response_model=VisualsAnswer, responses=responses(503)
 )
 async def visuals(request: Request) -> Response:
-    """The appearance of the arm's links, with colours, for drawing it.
+    """Return the appearance of the arm's links, with colours, so that clients can draw it.
 
     The answer has an `ETag`. With a matching `If-None-Match` the answer is 304.
     """
@@ -186,13 +186,13 @@ async def visuals(request: Request) -> Response:
     responses=responses(404, 422, 503) | GLB,
 )
 async def visual_mesh(request: Request, mesh: Mesh) -> Response:
-    """A mesh of /robot/visuals as GLB, with an `ETag`."""
+    """Return a mesh of /robot/visuals as GLB, with an `ETag`."""
     found = await asyncio.to_thread(visuals_of, Call(request).services.robot.model_file)
     return tagged(request, await asyncio.to_thread(found.read_mesh, mesh), GLB_TYPE)
 
 
 def tagged(request: Request, content: bytes, media_type: str) -> Response:
-    """The content with its ETag, or 304 if the client already has it."""
+    """Return the content with its ETag, or 304 if the client already has it."""
     tag = f'"{hashlib.blake2b(content, digest_size=8).hexdigest()}"'
     headers = {"ETag": tag, "Cache-Control": "no-cache"}
     if request.headers.get("if-none-match") == tag:
@@ -213,7 +213,7 @@ async def picture(
         PictureView, Query(description="Position of the camera; iso is above and to the side.")
     ] = "iso",
 ) -> Response:
-    """A picture of the arm at its measured position, as PNG, 640 by 480 pixels.
+    """Return a picture of the arm at its measured position, as PNG, 640 by 480 pixels.
 
     It shows the arm with its tool, the scene, and the parts of a simulated cell.
     """
@@ -247,7 +247,7 @@ def _drawn(services: Services, positions: Array, view: PictureView) -> bytes:
 
 @router.endpoint("GET /robot/clearance", Role.OBSERVER, timeout_s=1.5, responses=responses(503))
 async def clearance(request: Request) -> ClearanceAnswer:
-    """The smallest distances of the arm at its measured position, each with its two nearest points.
+    """Return the smallest distances of the arm at its measured position, each with the two nearest points.
 
     The shapes of arm, tool and scene are those of the collision checks. Distances that no joint changes are
     omitted, such as that between the first link and the floor.
@@ -263,7 +263,7 @@ async def clearance(request: Request) -> ClearanceAnswer:
 
 @router.endpoint("GET /robot/geometry", Role.OBSERVER, timeout_s=1.5, response_model=GeometryAnswer)
 async def geometry(request: Request) -> Response:
-    """Shapes and joints of the arm, its tool and its scene, as the collision checks use them.
+    """Return the shapes and joints of the arm, its tool and its scene, as the collision checks use them.
 
     The answer has an `ETag`, which changes with the scene, the tool and the limits. With a matching
     `If-None-Match` the answer is 304.
@@ -278,7 +278,7 @@ async def geometry(request: Request) -> Response:
 
 
 def rendered(found: Geometry, limits: JointLimits) -> str:
-    """A `GeometryAnswer` as JSON."""
+    """Return a `GeometryAnswer` as JSON."""
     body, pose = found.tcp
     return GeometryAnswer(
         bodies=[_body(each) for each in found.bodies],

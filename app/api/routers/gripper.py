@@ -32,7 +32,7 @@ DONE = "The gripper has done it"
 
 
 class GripperValues(BaseModel):
-    """Values that the gripper reports; null: it does not report this value."""
+    """Values that the gripper reports; null for a value that it does not report."""
 
     width: float | None = Field(description="Width between the fingers, m.")
     commanded_width: float | None = Field(description="Width of the last command, m.")
@@ -64,7 +64,7 @@ class GripperValues(BaseModel):
 
 
 class GripperAble(BaseModel):
-    """Capabilities of the gripper. A range is its smallest and its largest value."""
+    """Capabilities of the gripper. A range consists of the smallest and the largest value."""
 
     width_m: tuple[float, float] | None = Field(
         description="Width between the fingers, m; null: the gripper has no width, for example a suction cup."
@@ -144,7 +144,7 @@ router = EndpointRouter(tags=["gripper"])
 
 @router.endpoint("GET /robot/gripper", Role.OBSERVER, timeout_s=1.5, responses=responses(501))
 async def gripper(request: Request) -> GripperReportAnswer:
-    """The state of the gripper, and its capabilities."""
+    """Return the state of the gripper, and its capabilities."""
     return GripperReportAnswer.of(Call(request).services.gripper.report())
 
 
@@ -156,14 +156,16 @@ async def move_gripper(body: GripperMove, request: Request, gone: Gone, wait: Wa
 
 @router.endpoint("POST /robot/gripper/grasp", Role.OPERATOR, timeout_s=COMMAND_S, control=True, **COMMAND)
 async def grasp(body: GripperGrasp, request: Request, gone: Gone, wait: Wait = True) -> Answer:
-    """Close on an object and hold it. An object of the scene that is at the TCP is attached to the arm."""
+    """Close the fingers on an object and hold it. If an object of the scene is at the TCP, it is attached to
+    the arm.
+    """
     return await _run("grasp", body, request, gone, wait)
 
 
 @router.endpoint("POST /robot/gripper/release", Role.OPERATOR, timeout_s=COMMAND_S, control=True, **COMMAND)
 async def release(body: GripperRelease, request: Request, gone: Gone, wait: Wait = True) -> Answer:
-    """Open and release the object, which is detached where it is. This also works after an e-stop or a
-    fault.
+    """Open the fingers and release the object, which is detached at its current position. This also works
+    after an e-stop or a fault.
     """
     return await _run("release", body, request, gone, wait)
 
@@ -176,7 +178,7 @@ async def home(body: GripperHome, request: Request, gone: Gone, wait: Wait = Tru
 
 @router.endpoint("POST /robot/gripper/stop", Role.OBSERVER, timeout_s=5.0, responses=responses(501, 502))
 async def stop_gripper(request: Request) -> GripperReportAnswer:
-    """Stop the fingers, for any client. A held object stays held. Takes no body."""
+    """Stop the fingers, whichever client is moving them. A held object stays held. Takes no body."""
     return GripperReportAnswer.of(await Call(request).services.gripper.stop())
 
 

@@ -39,7 +39,7 @@ class IoListAnswer(BaseModel):
 
 @router.endpoint("GET /robot/io", Role.OBSERVER, timeout_s=1.5, responses=responses(503))
 async def inputs_and_outputs(request: Request) -> IoListAnswer:
-    """The inputs and outputs with the values that the device reports."""
+    """Return the inputs and outputs, with the values that the device reports."""
     backend, points = Call(request).services.io.points()
     return IoListAnswer(
         backend=backend,
@@ -60,7 +60,7 @@ async def set_output(
     body: SetOutput,
     request: Request,
 ) -> IoAnswer:
-    """Set an output; answers when the device reports the value.
+    """Set an output. Returns when the device reports the value.
 
     Also works while the arm is moving. If the device does not report the value within the endpoint's timeout,
     the answer is a 504 with the value that it reports.

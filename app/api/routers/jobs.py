@@ -47,7 +47,7 @@ Id = Annotated[str, Path(max_length=100, description="Id of a job.")]
     "GET /jobs", Role.OBSERVER, timeout_s=1.5, response_model=JobsAnswer, responses=responses(422)
 )
 async def jobs(query: Annotated[JobsQuery, Query()], request: Request) -> Response:
-    """The active jobs, and the newest ended ones.
+    """Return the active jobs, and the newest ended ones.
 
     Without a robot name, the answer has the jobs of all robots.
     """
@@ -71,7 +71,7 @@ async def jobs(query: Annotated[JobsQuery, Query()], request: Request) -> Respon
 def newest_jobs(
     request: Request, count: int, states: frozenset[JobState] = frozenset(JobState)
 ) -> list[JobRecord]:
-    """The active jobs and the newest ended ones, at most `count` of each robot."""
+    """Return the active jobs and the newest ended ones, at most `count` per robot."""
     found = [each.jobs.book.records(count, states) for each in addressed(request).values()]
     return [record for each in found for record in each]
 
@@ -82,14 +82,14 @@ def _shown(answers: list[JobAnswer]) -> Response:
 
 @router.endpoint("GET /jobs/{job}", Role.OBSERVER, timeout_s=60.0, responses=responses(404, 422))
 async def job(job: Id, query: Annotated[JobQuery, Query()], request: Request) -> JobAnswer:
-    """A job; with `wait_s`, answers when the job has ended or the time is over."""
+    """Return a job. With `wait_s`, the answer comes when the job has ended or the time is over."""
     call = Call(request)
     return job_answer(await call.services.jobs.wait(job, min(query.wait_s, call.timeout_s)))
 
 
 @router.endpoint("POST /jobs/{job}/cancel", Role.OPERATOR, timeout_s=10.0, responses=CHANGED)
 async def cancel_job(job: Id, request: Request) -> JobAnswer:
-    """Cancel a job of any client: the arm stops on its path; answers when it is at rest."""
+    """Cancel a job of any client: the arm stops on its path. Returns when it is at rest."""
     call = Call(request)
     audit.add_details(job=job)
     return job_answer(await call.services.jobs.cancel(job, max(call.timeout_s - ANSWER_S, ANSWER_S)))
@@ -99,9 +99,9 @@ async def cancel_job(job: Id, request: Request) -> JobAnswer:
     "POST /jobs/{job}/pause", Role.OPERATOR, timeout_s=5.0, responses=responses(404, 409, 422, 501, 503)
 )
 async def pause_job(job: Id, request: Request, at_waypoint: AtWaypoint = None) -> JobAnswer:
-    """Pause a job: the arm stops on its path and waits; answers when it is at rest.
+    """Pause a job: the arm stops on its path and waits. Returns when it is at rest.
 
-    With `at_waypoint` a sequence or program first continues to that waypoint; answers at once.
+    With `at_waypoint`, a sequence or program first continues to that waypoint, and the answer comes at once.
     """
     services = Call(request).services
     audit.add_details(job=job)
@@ -110,7 +110,7 @@ async def pause_job(job: Id, request: Request, at_waypoint: AtWaypoint = None) -
 
 @router.endpoint("POST /jobs/{job}/resume", Role.OPERATOR, timeout_s=5.0, control=True, responses=CHANGED)
 async def resume_job(job: Id, request: Request, waypoint: Waypoint = None) -> JobAnswer:
-    """Resume a paused job; a sequence that waits at a waypoint can continue from any `waypoint`."""
+    """Resume a paused job. A sequence that is waiting at a waypoint can continue from any `waypoint`."""
     services = Call(request).services
     audit.add_details(job=job)
     return job_answer(await services.jobs.resume(job, waypoint))
@@ -159,7 +159,7 @@ async def retarget_job(job: Id, body: NewGoal, request: Request) -> RetargetAnsw
 
 @router.endpoint("GET /robot/speed_override", Role.OBSERVER, timeout_s=1.5)
 async def speed_override(request: Request) -> SpeedOverrideAnswer:
-    """The speed override: how fast motions run along their paths."""
+    """Return the speed override, which determines how fast motions run along their paths."""
     return SpeedOverrideAnswer(fraction=Call(request).services.ownership.speed_fraction)
 
 

@@ -18,8 +18,8 @@ router = EndpointRouter(tags=["operations"])
 
 @router.endpoint("GET /health/live", Role.PUBLIC, timeout_s=1.5)
 async def live() -> LiveAnswer:
-    """Whether the service is running: restart it if there is no answer. This says nothing about the
-    robots.
+    """Report that the service is running. If there is no answer, restart it. The answer says nothing about
+    the robots.
     """
     return LiveAnswer(status="live")
 
@@ -33,7 +33,9 @@ async def live() -> LiveAnswer:
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
 )
 async def metrics(request: Request) -> Response:
-    """Cycle times, overruns, interventions, motions, requests, sessions, restarts, for Prometheus."""
+    """Return cycle times, overruns, interventions, motions, requests, sessions and restarts, for
+    Prometheus.
+    """
     return Response(Metrics(request.app.state).text(), media_type=CONTENT_TYPE_PLAIN_0_0_4)
 
 
@@ -41,7 +43,7 @@ async def metrics(request: Request) -> Response:
     "POST /admin/reload", Role.ADMIN, timeout_s=60.0, control=True, responses=responses(409, 422, 503)
 )
 async def reload(request: Request) -> ReloadAnswer:
-    """Read named positions, joint limits and web settings again; only while nothing moves.
+    """Read named positions, joint limits and web settings again. Possible only while nothing moves.
 
     If a file is not valid, the answer says where, and nothing changes. Takes no body. Changed limits restart
     the real-time process while the arm is at rest. This takes about a second.

@@ -85,7 +85,7 @@ async def plan_pose(body: PlanPose, request: Request) -> PlanAnswer:
 
 @router.endpoint("POST /robot/plan/arc", Role.AGENT, timeout_s=20.0, **PLAN)
 async def plan_arc(body: PlanArc, request: Request) -> PlanAnswer:
-    """Plan an arc of the TCP by an angle about an axis. Nothing moves."""
+    """Plan an arc of the TCP: a rotation by an angle about an axis. Nothing moves."""
     return await _plan([body], [], body, Call(request))
 
 
@@ -103,7 +103,7 @@ async def plan_sequence(body: PlanSequence, request: Request) -> PlanAnswer:
 
 @router.endpoint("POST /robot/plan/gripper", Role.AGENT, timeout_s=20.0, **PLAN)
 async def plan_gripper(body: PlanGripper, request: Request) -> PlanAnswer:
-    """Plan a command to the gripper, which a person can approve. Nothing moves."""
+    """Plan a gripper command, which a person can approve. Nothing moves."""
     call = Call(request)
     try:
         asked = GripperRequest.of(body.gripper)
@@ -124,7 +124,7 @@ EXECUTE: dict[str, Any] = {
 
 @router.endpoint("POST /robot/execute", Role.OPERATOR, **EXECUTE)
 async def execute(body: Execute, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
-    """Run a plan, if the robot's state has not changed since planning; answers when the arm has settled."""
+    """Run a plan, if the robot's state has not changed since planning. Returns when the arm has settled."""
     return await _execute(body.plan_id, request, gone, how)
 
 
@@ -153,7 +153,7 @@ async def _execute(plan_id: str, request: Request, gone: Gone, how: How) -> Move
 
 @router.endpoint("GET /robot/motion", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
 async def running_motion(query: Annotated[MotionQuery, Query()], request: Request) -> MotionAnswer:
-    """The planned path of the current motion of any client; empty without a motion.
+    """Return the planned path of the current motion, of any client. It is empty without a motion.
 
     A streaming session has no path. If a motion is blended with the next one of the queue, the path is that
     of both.
@@ -174,7 +174,9 @@ async def running_motion(query: Annotated[MotionQuery, Query()], request: Reques
 
 @router.endpoint("GET /robot/plans", Role.OBSERVER, timeout_s=1.5, responses=responses(422, 503))
 async def kept_plans(request: Request, limit: Limit = None, after: After = None) -> list[KeptPlan]:
-    """The plans that can be run, the oldest first. Each has the client that has approved it for an agent."""
+    """Return the plans that can be run, the oldest first. Each has the client that has approved it for an
+    agent.
+    """
     services = Call(request).services
     found = page_of(services.plans.list_valid(), lambda each: each.plan_id, limit, after)
     return [_kept(plan, services) for plan in found]
@@ -189,7 +191,7 @@ async def kept_plans(request: Request, limit: Limit = None, after: After = None)
     responses=responses(404, 422),
 )
 async def kept_plan(plan: PlanOfPath, request: Request) -> Response:
-    """A plan that can be run, with its path, as in the response that made it."""
+    """Return a plan that can be run, with its path, as in the response that made it."""
     plans = Call(request).services.plans
     found = plans.get(plan)
     content = _shown(found, plans.expires_in_s(found)).model_dump_json()
@@ -211,8 +213,8 @@ async def rehearse(plan: PlanOfPath, request: Request, gone: Gone) -> RehearsalA
     "POST /robot/plans/{plan}/improve", Role.AGENT, timeout_s=20.0, responses=responses(404, 409, 422, 503)
 )
 async def improve(plan: PlanOfPath, body: Improve, request: Request) -> PlanAnswer:
-    """Find a faster plan with the same start and goal; the given one stays as it is. Nothing moves. If no
-    faster plan is found, the answer is the given one.
+    """Find a faster plan with the same start and goal. The given plan does not change, and it is the answer
+    if no faster one is found. Nothing moves.
     """
     call = Call(request)
     found = await call.services.plans.improve(plan, body.budget_s, body.samples, call.timeout_s)
@@ -250,7 +252,7 @@ def _approve(plan_id: str, request: Request, *, approved: bool) -> KeptPlan:
 
 
 def rehearsal(plan: Plan, found: Rehearsal | None) -> RehearsalAnswer:
-    """The answer to a dry run.
+    """Return the answer to a dry run.
 
     Args:
         found: the result; None for a plan without a motion, whose forecast then has the values instead.

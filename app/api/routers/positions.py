@@ -40,7 +40,7 @@ class TeachPosition(RequestModel):
 
 @router.endpoint("GET /robot/positions", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
 async def positions(request: Request, limit: Limit = None, after: After = None) -> list[NamedPositionAnswer]:
-    """The named positions: those from the SRDF and the taught ones."""
+    """Return the named positions, both those from the SRDF and the taught ones."""
     found = Call(request).services.positions.all()
     return [_answer(each) for each in page_of(found, lambda each: each.name, limit, after)]
 
@@ -64,7 +64,7 @@ async def teach_position(body: TeachPosition, request: Request) -> NamedPosition
 async def forget_position(
     name: Annotated[str, Path(max_length=200, description="Name of a taught position.")], request: Request
 ) -> list[NamedPositionAnswer]:
-    """Delete a taught position; answers with the remaining ones."""
+    """Delete a taught position. Returns the remaining ones."""
     services = Call(request).services
     service = services.positions
     await service.forget(name)

@@ -49,7 +49,7 @@ class SaveProgram(RequestModel):
 
 
 class RunProgram(RequestModel):
-    """How a stored program runs."""
+    """Options for running a stored program."""
 
     model_config = example({"n_iterations": 1})
 
@@ -92,7 +92,7 @@ class StoredTextAnswer(StoredProgramAnswer):
 
 @router.endpoint("GET /programs", Role.OBSERVER, timeout_s=5.0, responses=responses(422))
 async def programs(request: Request, limit: Limit = None, after: After = None) -> list[StoredProgramAnswer]:
-    """The newest version of each stored program, and the examples of a simulated cell."""
+    """Return the newest version of each stored program, and the examples of a simulated cell."""
     found = await Call(request).services.stored.all()
     return [_answer(each) for each in page_of(found, lambda each: each.id, limit, after)]
 
@@ -106,7 +106,7 @@ async def program(
         int | None, Query(ge=1, le=999_999_999, description="Version to read. Default: the newest.")
     ] = None,
 ) -> StoredTextAnswer:
-    """A stored program. `ETag` is its version, for `If-Match` when it is saved."""
+    """Return a stored program. `ETag` is its version, for `If-Match` when it is saved."""
     found = await Call(request).services.stored.read(program, version)
     response.headers["ETag"] = _tag(found)
     return _with_text(found)
@@ -118,7 +118,7 @@ async def program(
 async def program_versions(
     program: Id, request: Request, limit: Limit = None, after: After = None
 ) -> list[StoredProgramAnswer]:
-    """All kept versions of a stored program, the newest first."""
+    """Return all kept versions of a stored program, the newest first."""
     found = await Call(request).services.stored.versions(program)
     return [_answer(each) for each in page_of(found, lambda each: str(each.version), limit, after)]
 
@@ -146,7 +146,7 @@ async def save_program(
 async def delete_program(
     program: Id, request: Request, if_match: IfMatch = None
 ) -> list[StoredProgramAnswer]:
-    """Delete a stored program with all its versions; answers with the remaining programs."""
+    """Delete a stored program with all its versions. Returns the remaining programs."""
     stored = Call(request).services.stored
     await stored.delete(program, _version_of(if_match))
     return [_answer(each) for each in await stored.all()]
@@ -164,7 +164,7 @@ async def delete_program(
 async def run_program(
     program: Id, body: RunProgram, request: Request, wait: Wait = True
 ) -> StartedAnswer | Response:
-    """Run a stored program; answers when its process is running. Only one program runs at a time."""
+    """Run a stored program. Returns when its process is running. Only one program runs at a time."""
     call = Call(request)
     found = await call.services.stored.read(program, body.version)
     audit.add_details(program=found.id, version=found.version)

@@ -39,7 +39,7 @@ Samples = Annotated[int, Query(ge=2, le=1000, description="Maximum number of cyc
 
 @router.endpoint("GET /recordings", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
 async def recordings(request: Request, limit: Limit = None, after: After = None) -> RecordingsAnswer:
-    """The recordings, and the state of the recorder."""
+    """Return the recordings, and the state of the recorder."""
     service = Call(request).services.recordings
     found = page_of(await asyncio.to_thread(service.all), lambda each: each.name, limit, after)
     status = service.status()
@@ -56,7 +56,7 @@ async def recordings(request: Request, limit: Limit = None, after: After = None)
 async def record(body: AskRecording, request: Request) -> AskedRecordingAnswer:
     """Write the last seconds to a file, or start or stop a continuous recording.
 
-    A dump answers when its file is complete. Faults and e-stops are recorded automatically.
+    For a dump, the answer comes when its file is complete. Faults and e-stops are recorded automatically.
     """
     call = Call(request)
     names = await call.services.recordings.ask(body.action, body.seconds, call.timeout_s)
@@ -72,7 +72,7 @@ async def record(body: AskRecording, request: Request) -> AskedRecordingAnswer:
     responses=responses(404, 422) | FILE,
 )
 async def recording(name: Name, request: Request) -> FileResponse:
-    """A recording as an MCAP file, for Foxglove, `rosbags`, `cobot plot` and `cobot replay`."""
+    """Return a recording as an MCAP file, for Foxglove, `rosbags`, `cobot plot` and `cobot replay`."""
     path = await asyncio.to_thread(Call(request).services.recordings.path, name)
     return FileResponse(path, media_type=MEDIA_TYPE, filename=name)
 
@@ -85,7 +85,7 @@ async def recording(name: Name, request: Request) -> FileResponse:
     responses=responses(404, 422, 503),
 )
 async def recorded_path(name: Name, request: Request, samples: Samples = 200) -> Response:
-    """The path of the arm in a recording, at a selection of its cycles, and the events."""
+    """Return the path of the arm in a recording, at a selection of its cycles, and the events."""
     call = Call(request)
     service = call.services.recordings
     path = await asyncio.to_thread(service.path, name)

@@ -53,7 +53,7 @@ router = EndpointRouter(tags=["robot"])
 
 @router.endpoint("GET /robot/joint_states", Role.OBSERVER, timeout_s=1.5, responses=responses(503))
 async def joint_states(request: Request) -> JointStates:
-    """Angles, velocities and efforts, as measured."""
+    """Return the measured joint angles, velocities and efforts."""
     call = Call(request)
     state = await call.services.link.await_measured_state(call.timeout_s)
     return JointStates(
@@ -66,7 +66,7 @@ async def joint_states(request: Request) -> JointStates:
 
 @router.endpoint("GET /robot/pose", Role.OBSERVER, timeout_s=1.5, responses=responses(503))
 async def pose(request: Request) -> PoseAnswer:
-    """The pose of the TCP in the base frame."""
+    """Return the pose of the TCP in the base frame."""
     call = Call(request)
     state = await call.services.link.await_measured_state(call.timeout_s)
     x, y, z, qw, qx, qy, qz = state.tcp.tolist()
@@ -86,8 +86,8 @@ async def pose(request: Request) -> PoseAnswer:
     "GET /robot/state", Role.OBSERVER, timeout_s=1.5, response_model=StateAnswer, responses=responses(503)
 )
 async def state(request: Request) -> Response:
-    """The complete state, which the real-time loop publishes in each cycle. It is available even if the robot
-    cannot be read.
+    """Return the complete state, which the real-time loop publishes in each cycle. It is available even if
+    the robot cannot be read.
     """
     call = Call(request)
     return state_response((await call.services.link.await_fresh_state(call.timeout_s)).record)
@@ -95,31 +95,31 @@ async def state(request: Request) -> Response:
 
 @router.endpoint("POST /robot/move/named", Role.OPERATOR, timeout_s=60.0, control=True, **MOTION)
 async def move_named(body: MoveNamed, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
-    """Move to a named position; answers when the arm has arrived and settled."""
+    """Move to a named position. Returns when the arm has arrived and settled."""
     return await _move(Call(request), body, gone, how)
 
 
 @router.endpoint("POST /robot/move/joints", Role.OPERATOR, timeout_s=60.0, control=True, **MOTION)
 async def move_joints(body: MoveJoints, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
-    """Move to joint angles; answers when the arm has arrived and settled."""
+    """Move to joint angles. Returns when the arm has arrived and settled."""
     return await _move(Call(request), body, gone, how)
 
 
 @router.endpoint("POST /robot/move/pose", Role.OPERATOR, timeout_s=60.0, control=True, **MOTION)
 async def move_pose(body: MovePose, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
-    """Move the TCP to a pose; answers when the arm has arrived and settled."""
+    """Move the TCP to a pose. Returns when the arm has arrived and settled."""
     return await _move(Call(request), body, gone, how)
 
 
 @router.endpoint("POST /robot/move/arc", Role.OPERATOR, timeout_s=60.0, control=True, **MOTION)
 async def move_arc(body: MoveArc, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
-    """Turn the TCP about an axis by an angle; answers when the arm has arrived and settled."""
+    """Turn the TCP about an axis by an angle. Returns when the arm has arrived and settled."""
     return await _move(Call(request), body, gone, how)
 
 
 @router.endpoint("POST /robot/move/sequence", Role.OPERATOR, timeout_s=600.0, control=True, **MOTION)
 async def move_sequence(body: MoveSequence, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
-    """Run several motions as one, with blends between them; answers when the arm has arrived and settled."""
+    """Run several motions as one, with blends between them. Returns when the arm has arrived and settled."""
     return await _move(Call(request), body, gone, how)
 
 
@@ -177,7 +177,7 @@ def check_queueing(how: MoveQuery) -> None:
 
 
 def answer(outcome: Outcome) -> MoveAnswer:
-    """The result of a motion as JSON, also for the audit log."""
+    """Return the result of a motion as JSON, and note it for the audit log."""
     error, stopped_by, contact = outcome.error, outcome.signals.stopped_by, outcome.signals.contact
     audit.add_details(motion=outcome.motion_id, error=str(error or ""))
     ended = f"Motion ended by its condition: {stopped_by}" if stopped_by else COMPLETED

@@ -28,7 +28,9 @@ NOT_FOUND = responses(404)
 
 @router.endpoint(f"GET {ROBOTS}", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
 async def robots(request: Request, limit: Limit = None, after: After = None) -> list[RobotAnswer]:
-    """The robots of this service; the first is the default robot, which endpoints without a name use."""
+    """Return the robots of this service. The first is the default robot, which endpoints without a robot's
+    name use.
+    """
     found = [
         RobotAnswer(
             name=name,
@@ -93,7 +95,7 @@ def _twin(route: APIRoute, documentation: dict[str, Any]) -> APIRoute:
 
 @cache
 def _not_found_fields() -> dict[int | str, Any]:
-    """The response for an unknown robot, in FastAPI's form."""
+    """Return the response for an unknown robot, in FastAPI's form."""
     return APIRoute("/", robots, responses=NOT_FOUND).response_fields
 
 

@@ -31,7 +31,7 @@ router = EndpointRouter(tags=["scene"])
 
 @router.endpoint("GET /scene", Role.OBSERVER, timeout_s=1.5)
 async def scene(request: Request) -> SceneAnswer:
-    """The whole scene, with its version."""
+    """Return the whole scene, with its version."""
     found = Call(request).services.scene.scene
     return SceneAnswer(
         version=found.version,
@@ -48,7 +48,7 @@ async def scene(request: Request) -> SceneAnswer:
     "POST /scene", Role.OPERATOR, timeout_s=10.0, control=True, responses=responses(404, 409, 503)
 )
 async def change_scene(body: ChangeScene, request: Request) -> ChangedAnswer:
-    """Change the scene, completely or not at all.
+    """Change the scene. Either all changes are made, or none.
 
     After the response, every planned motion keeps `planning.collision_margin_m` from the objects. The current
     motion is stopped if its remaining path would come closer than that. The scene is kept across restarts.

@@ -67,7 +67,7 @@ async def start_sequence(
     pose_action: Annotated[str, _text(ACTION)] = "cobot/move_to_pose",
     wait: Wait = True,
 ) -> StartedAnswer | Response:
-    """Start a sequence or a Lua program; answers when its process is running. Only one runs at a time."""
+    """Start a sequence or a Lua program. Returns when its process is running. Only one runs at a time."""
     call = Call(request)
     content = await config.read()
     digest = hashlib.sha256(content).hexdigest()
@@ -101,13 +101,13 @@ async def start_order(call: Call, order: SequenceOrder, *, wait: bool) -> Starte
 
 @router.endpoint("GET /sequences/status", Role.OBSERVER, timeout_s=1.5)
 async def sequence_status(request: Request) -> SequenceStatusAnswer:
-    """State of the newest sequence."""
+    """Return the state of the newest sequence."""
     call = Call(request)
     return SequenceStatusAnswer.model_validate(asdict(call.services.sequences.status))
 
 
 @router.endpoint("GET /sequences/logs", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
 async def sequence_logs(query: Annotated[LogQuery, Query()], request: Request) -> LogAnswer:
-    """Output of the sequence and program processes, including ended ones."""
+    """Return the output of sequences and programs, including ended ones."""
     call = Call(request)
     return LogAnswer(lines=query.lines_of(call.services.sequences.lines))

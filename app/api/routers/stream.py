@@ -156,8 +156,8 @@ class StreamConnection:
             audit.report_refusal(f"{about} on the stream", error.code, str(error))
 
     async def _send(self) -> None:
-        """Send messages to the client, answers before states. A state is read only when the connection is
-        ready for it.
+        """Send messages to the client: first answers, then states. A state is read only when the connection
+        is ready for it.
         """
         socket = self._socket
         try:

@@ -141,14 +141,14 @@ class StudyMap(BaseModel):
 
 @router.endpoint("GET /studies", Role.OBSERVER, timeout_s=5.0, responses=responses(422))
 async def studies(request: Request, limit: Limit = None, after: After = None) -> StudiesAnswer:
-    """The studies of the robot. A running study has its partial answer."""
+    """Return the studies of the robot. A running study has its partial answer."""
     found = page_of(await Call(request).services.studies.all(), lambda each: each.id, limit, after)
     return StudiesAnswer(studies=[_answer(each) for each in found])
 
 
 @router.endpoint("POST /studies", Role.PROGRAMMER, timeout_s=60.0, responses=responses(404, 409, 501, 503))
 async def start_study(body: StartStudy, request: Request) -> StudyAnswer:
-    """Start a study in a process of the lowest priority, or continue it; answers once its tasks are known.
+    """Start a study in a process of the lowest priority, or continue it. Returns once its tasks are known.
 
     It uses the service's robot, scene, tool and positions as they are now. One study runs at a time.
     """
@@ -170,7 +170,7 @@ async def start_study(body: StartStudy, request: Request) -> StudyAnswer:
 
 @router.endpoint("GET /studies/{study}", Role.OBSERVER, timeout_s=5.0, responses=responses(404, 422))
 async def study(study: Id, request: Request) -> StudyAnswer:
-    """A study; its answer is partial while it runs."""
+    """Return a study. Its answer is partial while the study is running."""
     return _answer(await Call(request).services.studies.read(study))
 
 
@@ -182,7 +182,7 @@ async def study(study: Id, request: Request) -> StudyAnswer:
     responses=responses(404, 422) | {200: {"model": StudyMap}},
 )
 async def study_map(study: Id, request: Request) -> FileResponse:
-    """The map of a reach study, with at most 20000 places."""
+    """Return the map of a reach study, with at most 20000 places."""
     path = await Call(request).services.studies.file(study, MAP)
     return FileResponse(path, media_type="application/json")
 
@@ -195,7 +195,9 @@ async def study_map(study: Id, request: Request) -> FileResponse:
     responses=responses(404, 422) | TABLE,
 )
 async def study_table(study: Id, request: Request) -> FileResponse:
-    """All results at the end of a run, as a file of SQLite or Parquet with one row per task."""
+    """Return all results of a run as a SQLite or Parquet file with one row per task, once the run has
+    ended.
+    """
     path = await Call(request).services.studies.file(study, *TABLES)
     name = f"{study}-{path.name}"
     return FileResponse(path, media_type="application/octet-stream", filename=name)
@@ -205,7 +207,7 @@ async def study_table(study: Id, request: Request) -> FileResponse:
     "DELETE /studies/{study}", Role.PROGRAMMER, timeout_s=10.0, responses=responses(404, 409, 422, 503)
 )
 async def delete_study(study: Id, request: Request) -> StudiesAnswer:
-    """Delete a study with its results; answers with the remaining studies."""
+    """Delete a study with its results. Returns the remaining studies."""
     service = Call(request).services.studies
     await service.delete(study)
     return StudiesAnswer(studies=[_answer(each) for each in await service.all()])

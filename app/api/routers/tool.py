@@ -28,7 +28,7 @@ router = EndpointRouter(tags=["robot"])
 
 @router.endpoint("GET /robot/tool", Role.OBSERVER, timeout_s=1.5)
 async def tool(request: Request) -> ToolAnswer:
-    """The tool: mass, TCP, shapes."""
+    """Return the tool: its mass, TCP and shapes."""
     return _answer(Call(request).services.robot.model, [])
 
 
@@ -36,7 +36,7 @@ async def tool(request: Request) -> ToolAnswer:
     "POST /robot/tool", Role.PROGRAMMER, timeout_s=10.0, control=True, responses=responses(409, 503)
 )
 async def change_tool(body: ChangeTool, request: Request) -> ToolAnswer:
-    """Set the tool, completely or not at all.
+    """Set the tool. Either all changes are made, or none.
 
     Motions requested after the response are planned with the mass, the TCP and the shapes of this tool. The
     real-time process and the simulation include its weight. The tool is kept across restarts. It can be

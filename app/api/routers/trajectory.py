@@ -36,7 +36,7 @@ SEND: dict[str, Any] = {
 async def send_trajectory(
     body: SendTrajectory, request: Request, gone: Gone, wait: Wait = True
 ) -> SentAnswer | Response:
-    """Run a trajectory through timed points; answers when it has begun."""
+    """Run a trajectory through timed points. Returns when it has begun."""
     call = Call(request)
     options = Options(body.validate_limits, body.retime, body.move_to_start, body.smoothing_rad)
 
@@ -66,7 +66,7 @@ async def send_csv(
     request: Request,
     gone: Gone,
 ) -> SentAnswer | Response:
-    """Run a trajectory from a CSV file; answers when it has begun."""
+    """Run a trajectory from a CSV file. Returns when it has begun."""
     call = Call(request)
     options = Options(query.validate_limits, query.retime, query.move_to_start, query.smoothing_rad)
     digest = await asyncio.to_thread(hashlib.file_digest, cast(Any, file.file), "sha256")
@@ -80,7 +80,7 @@ async def send_csv(
 
 @router.endpoint("GET /trajectory/logs", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
 async def trajectory_logs(query: Annotated[LogQuery, Query()], request: Request) -> LogAnswer:
-    """Results of trajectories: accepted, arrived, stopped or rejected, with the reason."""
+    """Return the results of trajectories (accepted, arrived, stopped or rejected), with reasons."""
     call = Call(request)
     return LogAnswer(lines=query.lines_of(call.services.trajectories.lines))
 

@@ -41,7 +41,7 @@ class TokenEntry(BaseModel):
 
 
 class KnownToken(TokenEntry):
-    """A token of the list."""
+    """An access token in the list, with its use."""
 
     last_used: Time | None = Field(
         description="Time at which the service last accepted it; null: not since the service started."
@@ -60,6 +60,6 @@ class TokensAnswer(BaseModel):
 
 
 class CreatedToken(TokenEntry):
-    """A token that was created."""
+    """A newly created token."""
 
     token: str = Field(description="The token. It is not stored; only this answer has it.")

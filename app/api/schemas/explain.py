@@ -79,7 +79,7 @@ Details = Annotated[
 
 
 def explain_of(error: CobotError) -> Explain | None:
-    """The checks that an error has failed; None if the error has none."""
+    """Return an error's failed checks; None if it has none."""
     if not error.findings:
         return None
     checks = [_check(found) for found in error.findings]

@@ -44,7 +44,7 @@ class JobRequest(BaseModel):
 
 
 class JobAnswer(BaseModel):
-    """A request to move, from its arrival to its end."""
+    """A job: a request to move, from its arrival to its end."""
 
     id: str = Field(description="Id of this job.")
     robot: str = Field(description="Name of the robot.")
@@ -97,7 +97,7 @@ class JobsAnswer(BaseModel):
 
 
 class JobsQuery(StrictModel):
-    """The jobs that a client asks for."""
+    """The jobs that a client requests."""
 
     model_config = ConfigDict(strict=False)
 
@@ -114,7 +114,7 @@ class JobsQuery(StrictModel):
 
 
 class JobQuery(StrictModel):
-    """How long a client waits for a job."""
+    """How long the client waits for a job."""
 
     model_config = ConfigDict(strict=False)
 
@@ -201,7 +201,7 @@ ACCEPTED: dict[int | str, dict[str, Any]] = {
 
 
 def job_answer(record: JobRecord) -> JobAnswer:
-    """A job as JSON."""
+    """Return a job as JSON."""
     error = None
     if record.error is not None:
         found = CobotError(findings=record.error.findings)
@@ -229,7 +229,7 @@ async def answer_end(
 
 
 def answer_accepted(call: Call, record: JobRecord) -> JSONResponse:
-    """The answer 202 to a request that does not wait."""
+    """Return the 202 answer to a request that does not wait."""
     audit.add_details(job=record.id)
     version = call.request.scope.get("root_path", "")
     robot = call.request.path_params.get("robot")

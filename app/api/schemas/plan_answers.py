@@ -92,7 +92,7 @@ class MotionAnswer(BaseModel):
 
 
 class PlanUse(BaseModel):
-    """The use of one limit by a motion, for each joint."""
+    """How much of one limit a motion uses, for each joint."""
 
     peak: list[float] = Field(description="Largest absolute value: rad/s, rad/s², rad/s³ or N·m.")
     share: list[float] = Field(description="That value as a share of the robot's limit; 1 is the limit.")
@@ -136,14 +136,14 @@ class ClearanceAnswer(BaseModel):
 
 
 class NoticeAnswer(BaseModel):
-    """A difference of a motion from its request."""
+    """A difference between a motion and its request."""
 
     kind: NoticeKind = Field(description="Kind of the difference, see docs/conventions.md.")
     values: dict[str, str | float] = Field(description="Values of this kind, see docs/conventions.md.")
 
 
 class PlanningAnswer(BaseModel):
-    """The quality of a planned motion, and statistics of its planning."""
+    """The quality of a planned motion, and statistics about its planning."""
 
     quality: PlanQuality = Field(
         description="first: the first motion that has passed all checks. improved: a faster one; more "

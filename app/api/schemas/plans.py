@@ -45,7 +45,7 @@ PlanId = Annotated[
 
 
 class KeptPlan(BaseModel):
-    """A plan that can be run, as shown to the person that approves it."""
+    """A plan that can be run, as shown to the person who approves it."""
 
     model_config = example(
         {
@@ -92,7 +92,7 @@ class Planning(RequestModel):
 
 
 class Improve(RequestModel):
-    """The time for finding a faster plan."""
+    """The time allowed for finding a faster plan."""
 
     model_config = example({"budget_s": 0.5, "samples": 3})
 

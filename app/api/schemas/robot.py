@@ -198,7 +198,7 @@ MAX_LINES = 1_000_000
 
 
 class LogQuery(StrictModel):
-    """The number of log lines that a client asks for."""
+    """The number of log lines that a client requests."""
 
     model_config = ConfigDict(strict=False)
 
@@ -214,7 +214,7 @@ class LogQuery(StrictModel):
     )
 
     def lines_of(self, newest: Callable[[int], list[str]]) -> list[str]:
-        """The requested lines.
+        """Return the requested lines.
 
         Args:
             newest: returns this number of the newest lines, the oldest first.
@@ -236,7 +236,7 @@ class LogQuery(StrictModel):
 
 
 class LogAnswer(BaseModel):
-    """The newest log lines, the oldest of them first, each with its time."""
+    """The newest log lines, in order of time, each with its time."""
 
     lines: list[str] = Field(description="The lines, the oldest first.")
 

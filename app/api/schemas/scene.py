@@ -63,8 +63,8 @@ class Place(RequestModel):
 
 
 class PutObject(Place):
-    """A solid. The pose is that of its centre; for a mesh, a height field and a point cloud, that of their
-    own origin.
+    """A solid. The pose is the pose of its centre or, for a mesh, a height field or a point cloud, of its own
+    origin.
     """
 
     model_config = _example({"shape": "box", "size": [0.3, 0.4, 0.02], "x": 0.5, "y": -0.6, "z": 0.2})
@@ -177,14 +177,14 @@ class PutObject(Place):
         return self
 
     def numbers(self) -> tuple[float, ...]:
-        """The numbers of `cobot.robot.scene.SceneObject.size`."""
+        """Return the numbers for `cobot.robot.scene.SceneObject.size`."""
         if self.size is not None:
             return tuple(self.size)
         return tuple(value for value in (self.radius, self.length) if value is not None)
 
 
 class ChangeScene(RequestModel):
-    """Changes to the scene, in the order of these fields. Either all are made, or none."""
+    """Changes to the scene, made in the order of these fields. Either all are made, or none."""
 
     model_config = _example(
         {"objects": {"table": {"shape": "box", "size": [0.3, 0.4, 0.02], "x": 0.5, "y": -0.6, "z": 0.2}}}
@@ -263,7 +263,7 @@ class ObjectAnswer(BaseModel):
 
     @classmethod
     def of(cls, name: str, each: SceneObject) -> ObjectAnswer:
-        """An object as it is in the scene or on the tool."""
+        """Return an object in the scene or on the tool as JSON."""
         return cls(
             name=name,
             shape=each.shape,

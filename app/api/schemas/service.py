@@ -12,7 +12,7 @@ from cobot.strict import StrictModel
 
 
 class AuditQuery(StrictModel):
-    """The audit entries that a client asks for."""
+    """The audit entries that a client requests."""
 
     model_config = ConfigDict(strict=False)
 
@@ -118,7 +118,7 @@ class ReloadAnswer(BaseModel):
 
 
 class RestoreAnswer(BaseModel):
-    """A backup that was checked. The next start of cobot restores it."""
+    """A checked backup, which the next start of cobot restores."""
 
     created: str = Field(description="When the backup was made, ISO 8601 in UTC.")
     contents: list[str] = Field(description="Contents of the backup, as sentences.")

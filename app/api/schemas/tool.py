@@ -32,7 +32,7 @@ def _example(body: Any) -> ConfigDict:
 
 
 class ToolTip(RequestModel):
-    """Where the TCP is in the flange's frame."""
+    """The pose of the TCP in the flange frame."""
 
     model_config = _example({"x": 0.0, "y": 0.0, "z": 0.15})
 
@@ -54,7 +54,7 @@ class ToolTip(RequestModel):
 
 
 class ToolShape(PutObject):
-    """A solid of the tool. Its pose is that of its centre in the flange frame."""
+    """A solid of the tool. The pose is the pose of its centre in the flange frame."""
 
     model_config = _example(
         {"shape": "cylinder", "radius": 0.05, "length": 0.1, "x": 0.0, "y": 0.0, "z": 0.06}
@@ -137,7 +137,7 @@ class TouchedPoints(RequestModel):
 
 
 class TcpFitAnswer(BaseModel):
-    """The TCP that fits the points. Nothing has changed yet."""
+    """The TCP that fits the points best. Nothing has changed yet."""
 
     model_config = _example(
         {"position": [0.0, 0.0, 0.15], "point": [0.5, 0.0, 0.3], "error_m": 0.0004, "errors_m": [0.0004] * 4}

@@ -123,8 +123,8 @@ class SceneService:
         self._file = scene_file(settings)
         self.turn = asyncio.Lock()
         self._version = (
-            # the newest version number; that of a rejected scene is not used again, because planning
-            # processes may have the scene
+            # the newest version number. A rejected scene's number is not used again, because planning
+            # processes may have that scene
             0
         )
         self._model_names = robot.model.frame_names | {robot.base_frame, "tool"}

@@ -304,7 +304,7 @@ class RsiBackend:
         yield check_readiness(state)
         yield from self._checks_of_settings(state)
         if self._silenced:
-            yield Rejected("corrections and the controller's mode differ: start its program again")
+            yield Rejected("the corrections do not match the controller's mode: start its program again")
         yield check_entry(state, self._options, self._layout, self._corrections.position)
 
     def _follow(self, state: RobState) -> Accepted | Rejected:

@@ -12,9 +12,7 @@ from dataclasses import dataclass, field
 from rtloop.backends.rsi.options import EXTERNAL_AXES, KUKA_LIMIT, ROBOT_AXES, is_external
 
 MONITOR_MARGIN = 1.0
-"""Difference between the limit of AXISCORRMON, which ends RSI, and that of AXISCORR. It is also KUKA's
-default.
-"""
+"""Difference between the limits of AXISCORRMON, which ends RSI, and AXISCORR. It is also KUKA's default."""
 PRECISION = 6
 NO_FLAG = -1
 ALL_AXES = (*ROBOT_AXES, *EXTERNAL_AXES)

@@ -12,7 +12,7 @@ WINDOW = 100
 MIN_PACKETS = 10
 """Minimum number of packets for a quality better than POOR."""
 LATE = 0.5
-"""Weight of an answer that is one period late. A punctual answer has the weight 1."""
+"""Weight of an answer that is one period late. An answer on time has the weight 1."""
 EXCELLENT, GOOD, FAIR = 0.95, 0.75, 0.5
 """Minimum mean weight of the answers for each quality."""
 CLOSE_AFTER_MS = 100

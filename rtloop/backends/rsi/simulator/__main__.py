@@ -90,7 +90,7 @@ def _parser() -> argparse.ArgumentParser:
         "--period",
         type=int,
         choices=PERIODS_MS,
-        help="send period: 12 ms (IPO) or 4 ms (IPO_FAST); default: that of the settings, otherwise 4",
+        help="send period: 12 ms (IPO) or 4 ms (IPO_FAST); default: the value in the settings, otherwise 4",
     )
     add("--timeout", type=within(int, 1, 10_000), metavar="N", help="number of late answers that are allowed")
     add("--in-a-row", action="store_true", help="--timeout counts only consecutive late answers")
