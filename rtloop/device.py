@@ -98,8 +98,8 @@ class DeviceWatch:
         self._publish()
 
     def meet(self, found: str) -> None:
-        """Handle the first contact with real hardware. After a restart of rtloop, it need not be acknowledged
-        again.
+        """Handle the first contact with real hardware. The user need not acknowledge it again after a restart
+        of rtloop.
 
         Args:
             found: sentences about the arm's position and load.

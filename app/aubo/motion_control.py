@@ -75,7 +75,8 @@ async def move_line(
     blend_radius: float = 0.0,
     duration: float = 0.0,
 ) -> None:
-    """Move to a pose along a straight line, with an even rotation. Returns when the move is planned.
+    """Move to a pose along a straight line, with evenly interpolated orientation. Returns when the move
+    is planned.
 
     Args:
         pose: [x, y, z, rx, ry, rz] in the base frame, m and rad.
@@ -99,7 +100,7 @@ async def move_circle(
     blend_radius: float = 0.0,
     duration: float = 0.0,
 ) -> None:
-    """Move to a pose along an arc, with an even rotation from start to end. Returns when the move is planned.
+    """Move to a pose along an arc, with evenly interpolated orientation. Returns when the move is planned.
 
     Args:
         via_pose: a pose on the arc. Only its position is used.

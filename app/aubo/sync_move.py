@@ -61,7 +61,7 @@ def sync_move_off(robot: Services, syncident: int) -> None:
 
 @service(CLASS)
 def sync_move_undo(robot: Services, syncident: int) -> None:
-    """End synchronous motion, and delete segments that wait for a robot.
+    """End synchronous motion, and delete the segments that are waiting for a robot.
 
     Args:
         syncident: the same number as for syncMoveOn.

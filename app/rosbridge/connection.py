@@ -251,7 +251,7 @@ class RosbridgeConnection:
         elif other:
             raise InputError(f"{topic} is of type {known[0].type}, not {type_}")
         elif advertise_id not in known[1] and len(known[1]) >= MAX_PER_TOPIC:
-            raise ConflictError(f"a client may advertise one topic at most {MAX_PER_TOPIC} times")
+            raise ConflictError(f"a client may advertise a topic at most {MAX_PER_TOPIC} times")
         else:
             known[1].add(advertise_id)
 
@@ -384,4 +384,4 @@ class RosbridgeConnection:
 
 def _require_plain(compression: str | None) -> None:
     if compression not in (None, "", "none"):
-        raise InputError(f"compression {shown(compression)} is not supported; valid values: none")
+        raise InputError(f"compression {shown(compression)} is not supported; the only valid value is none")

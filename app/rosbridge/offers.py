@@ -57,7 +57,7 @@ class Offers:
     def take_response(self, asked: op.ServiceResponse) -> None:
         name, answer = self._calls.get(asked.id, ("", None))
         if answer is None or answer.done() or absolute(name) != absolute(asked.service):
-            raise InputError(f"no call {shown(asked.id)} of {asked.service} waits for an answer")
+            raise InputError(f"no call {shown(asked.id)} of {asked.service} is waiting for an answer")
         if not asked.result:
             answer.set_exception(ExecutionError(f"{name} failed: {shown(asked.values)}"))
         else:

@@ -66,7 +66,7 @@ class TopicFeed:
 
     def add(self, request: Subscribe) -> None:
         if request.id not in self._requests and len(self._requests) >= MAX_PER_TOPIC:
-            raise ConflictError(f"a client may subscribe {MAX_PER_TOPIC} times to one topic")
+            raise ConflictError(f"a client may subscribe to a topic at most {MAX_PER_TOPIC} times")
         self._requests[request.id] = request
         self._settle()
 

@@ -215,7 +215,7 @@ class JobService:
             raise ConflictError(f"job {job.id} is {job.state}: only a paused job can be resumed")
         if self._ownership.speed_override.fraction == 0.0:
             raise ConflictError(
-                f"job {job.id} waits because the speed override is 0; change it with POST "
+                f"job {job.id} is waiting because the speed override is 0; change it with POST "
                 "/robot/speed_override",
                 details={"cause": "speed_zero"},
             )

@@ -77,8 +77,8 @@ class ReducedSpeed:
 
 
 def _fastest(model: RobotModel) -> tuple[float, float]:
-    """Return the maximum linear and angular speed of the TCP with the joints at full speed, over all
-    postures, m/s and rad/s.
+    """Return the maximum linear and angular speed of the TCP in any posture with the joints at full speed,
+    m/s and rad/s.
     """
     limits = model.limits
     corners = np.array(list(itertools.product((-1.0, 1.0), repeat=limits.dof))) * limits.max_velocity

@@ -138,7 +138,7 @@ class DeviceInCell:
         self._begun = True
 
     def _follow(self) -> None:
-        """Step the cell by one period. Its arm follows the reported joints."""
+        """Advance the cell by one period. Its arm follows the reported joints."""
         place, speed, acceleration = self._rows
         for _ in range(self._steps):
             acceleration[:] = FOLLOW_RAD_S**2 * (self._place - place) + 2.0 * FOLLOW_RAD_S * (

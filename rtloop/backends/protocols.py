@@ -496,7 +496,7 @@ def capabilities_of(backend: object) -> Capabilities:
         kind = backend if isinstance(backend, type) else type(backend)
         raise ConfigError(
             f"robot.backend: {kind.__name__}.capabilities is {capabilities!r}; it must be a "
-            "Capabilities, because without one a backend would count as a simulation that measures "
+            "Capabilities, because without one cobot would treat the backend as a simulation that measures "
             "everything"
         )
     if isinstance(backend, TrajectoryDevice):

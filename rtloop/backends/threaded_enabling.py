@@ -80,7 +80,8 @@ class ThreadedEnabling:
             return True
         if attempt.looked_s - attempt.begun_s > ENABLE_S:
             raise BackendError(
-                f"the device has not answered for {ENABLE_S:g} s: check that its driver runs, then reset"
+                f"the device has not answered for {ENABLE_S:g} s: check that its driver is running, "
+                "then reset"
             )
         return False
 

@@ -151,8 +151,8 @@ def stop(cell: CheckedBackend) -> str:
 
 
 def limits(cell: CheckedBackend) -> str:
-    """Commands keep within the velocity, acceleration and jerk limits, both as written and as they reach the
-    device.
+    """Commands stay within the velocity, acceleration and jerk limits, both when they are written and when
+    they reach the device.
     """
     if capabilities_of(cell.kind).trajectories:
         raise NotTested("the device executes motions by itself: its own controller keeps its limits")

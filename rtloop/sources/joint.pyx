@@ -29,8 +29,7 @@ cdef enum:
     MAX_CHUNK = 64
 cdef double MAX_CHUNK_S = 600.0
 
-assert CHUNK_POINTS == MAX_CHUNK, "the chunk block of cobot.ipc.layout has a different format from this "
-                                  "module"
+assert CHUNK_POINTS == MAX_CHUNK, "the format of the chunk block of cobot.ipc.layout is not this module's"
 
 
 cdef class JointSource(Source):

@@ -68,7 +68,9 @@ class Surroundings:
         self._thread.start()
 
     def take(self) -> CollisionMonitor | Later | Rejected:
-        """Return the monitor that the thread has finished, once; `Later` while there is no new one."""
+        """Return the monitor that the thread has finished; `Later` if there has been no new one since the
+        last call.
+        """
         if self._thread is None or self._thread.is_alive():
             return LATER
         self._thread = None

@@ -110,7 +110,7 @@ class GripperService:
 
     @property
     def problem(self) -> str:
-        """The problem of the gripper, for /health; "" if there is no problem or no gripper."""
+        """The gripper's problem, for /health; "" if there is no problem or no gripper."""
         if self._worker is None:
             return ""
         state = self._worker.reading.state

@@ -121,8 +121,8 @@ class RetargetService:
         self._ownership.require_mover("change the goal of the motion")
         if self._busy:
             raise ConflictError(
-                f"job {job.id}: another request changes its goal, or the service plans a way around an "
-                "object; request the change again"
+                f"job {job.id}: another request is changing its goal, or the service is planning a path "
+                "around an object; request the change again"
             )
         self._busy = True
         try:
@@ -272,7 +272,7 @@ class RetargetService:
                 the point of the change; or the motion was interrupted, and the arm stops on its current path.
         """
         if claim.ended.is_set() or self._ownership.claim_of(job) is not claim:
-            raise ConflictError(f"job {job.id} ended while the way to the new goal was being planned")
+            raise ConflictError(f"job {job.id} ended while the path to the new goal was being planned")
         await self._motion.replace(claim, found.trajectory, found.offset_s, planned_s)
         claim.proceed()
 
@@ -317,6 +317,6 @@ def _require_goal(goal: MotionRequest) -> None:
         )
     if goal.signals:
         raise InputError(
-            "actions and conditions cannot be added to a motion that runs; leave them out, or cancel the "
+            "actions and conditions cannot be added to a running motion; leave them out, or cancel the "
             "job and request a new motion"
         )

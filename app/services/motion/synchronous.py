@@ -153,7 +153,7 @@ class SyncService:
             raise ConflictError(f"{robot} is not in a synchronous motion; syncMoveOn begins one")
         (target,) = self.targets((robot,), joints, a, v).values()
         if segment not in sync.waiting and len(sync.waiting) >= MAX_WAITING:
-            raise LimitError(f"{MAX_WAITING} segments already wait for a robot, which is the maximum")
+            raise LimitError(f"{MAX_WAITING} segments are already waiting for a robot, which is the maximum")
         waiting = sync.waiting.setdefault(segment, {})
         # If the numbers of stops differ, a stop has cancelled the part that was sent before.
         if robot in waiting and waiting[robot].stops == target.stops:

@@ -123,7 +123,7 @@ class SpeedOverride:
     def restore(self, fraction: float) -> None:
         """Return to an earlier fraction, because the client that set the current one no longer has control.
 
-        A motion that waits because the fraction is 0 continues.
+        A motion that is waiting because the fraction is 0 continues.
         """
         held = self.fraction == 0.0
         self._take(fraction)

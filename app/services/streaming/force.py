@@ -174,7 +174,7 @@ class ForceService:
             ConflictError: force control is enabled, and more than the wrench would change.
         """
         if len(axes) != 6:
-            raise InputError(f"axes must be 6 times true or false, got {axes}")
+            raise InputError(f"axes must be 6 values of true or false, got {axes}")
         force = vector(wrench, 6, name="wrench")
         speed = vector(max_velocity or [0.0] * 6, 6, name="max_velocity")
         if (speed < 0.0).any():

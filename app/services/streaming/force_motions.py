@@ -67,7 +67,7 @@ LET_GO = "the motion with force has ended"
 
 
 class ForceMotionService:
-    """Executes the motions with force of one robot."""
+    """Executes the force motions of one robot."""
 
     def __init__(
         self,
@@ -111,7 +111,7 @@ class ForceMotionService:
         state = self._link.state()
         start = self._robot.model.forward(state.commanded_position)
         if path is not None and np.abs(path.start - state.commanded_position).max() > MOVED_RAD:
-            raise ConflictError("the arm has moved while the path was planned; send the request again")
+            raise ConflictError("the arm has moved while the path was being planned; send the request again")
         in_tool = body.frame == "tool"
         axis = start.rotation @ direction if in_tool else direction
         most_n = _max_force(body)

@@ -1,4 +1,4 @@
-"""The stages of motions with force: approach, hold, follow, search, insert, release.
+"""The stages of force motions: approach, hold, follow, search, insert, release.
 
 A stage is a generator. It receives samples of the measurements and yields the commanded pose and force. It
 returns when it has reached its goal, and raises `NotMet` if a limit is reached first. Stages do not depend on

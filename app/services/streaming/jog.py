@@ -142,14 +142,14 @@ class Jog:
         return self._answer
 
     def release(self) -> None:
-        """End the jog, because the client has released it. The arm stops."""
+        """End the jog after the client has released it. The arm stops."""
         self._spent = UNLIMITED
         self._let_go = True
         if self._session is not None:
             self._session.end(LET_GO)
 
     def close(self) -> None:
-        """End the jog, because the client has disconnected."""
+        """End the jog after the client has disconnected."""
         if self._session is not None:
             self._session.end(GONE)
 

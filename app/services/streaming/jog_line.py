@@ -66,8 +66,8 @@ class JogLine:
         self._pose = _shifted(self._pose, way[:3], way[3:])
 
     def rest(self, position: Array) -> None:
-        """Record that the arm has stopped at these joint positions. The line continues from there. Unless it
-        is large, the deviation caused by the stop will be corrected.
+        """Record that the arm has stopped at these joint positions. The line continues from there. The
+        deviation caused by the stop is corrected later, unless it is large.
         """
         pose = self._model.forward(position)
         moved, turned = self._deviation(pose)
@@ -76,7 +76,7 @@ class JogLine:
         self.twist, self._rest = np.zeros(6), position.copy()
 
     def rests_at(self, position: Array) -> bool:
-        """Whether the arm is still where it has stopped."""
+        """Return whether the arm is still at the position where it stopped."""
         return bool(np.abs(position - self._rest).max() < MOVED_RAD)
 
     def _deviation(self, pose: Pose) -> tuple[Array, Array]:
@@ -91,7 +91,9 @@ class JogLine:
 
 
 def _shifted(pose: Pose, way: Array, turn: Array) -> Pose:
-    """Return the pose, moved by a displacement and rotated by a rotation vector, both in the base frame."""
+    """Return the pose after it has been moved by a displacement and rotated by a rotation vector, both in the
+    base frame.
+    """
     turned = quaternion.product(quaternion.exp(turn.tolist()), pose.quaternion.tolist())
     return Pose(pose.position + way, np.array(turned, float))
 

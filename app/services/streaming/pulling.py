@@ -16,7 +16,7 @@ from cobot.errors import CobotError, ConflictError, ExecutionError, NotSupported
 
 
 class Pulling:
-    """The pulls of one client."""
+    """Pulls a simulated arm for one client."""
 
     def __init__(self, link: RobotLink, freedrive: FreedriveService) -> None:
         self._link = link
@@ -25,7 +25,7 @@ class Pulling:
         self._task: asyncio.Task[None] | None = None
 
     async def pull(self, link: str, point: Sequence[float], target: Sequence[float]) -> None:
-        """Pull for `PULL_S`, or until the next call.
+        """Pull the arm for `PULL_S`, or until the next call.
 
         Args:
             link: name of a body that is moved by the joints.
@@ -53,7 +53,7 @@ class Pulling:
             await self._link.commands.pull("")
 
     def close(self) -> None:
-        """End the pull, because the client has disconnected."""
+        """End the pull after the client has disconnected."""
         if self._pulls:
             self._task = asyncio.create_task(self._end(), name="end of a pull")
 

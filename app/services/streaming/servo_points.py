@@ -49,7 +49,7 @@ class PointInverse:
 
     def joints(self, point: Point) -> Sequence[float]:
         """Calculate the joint angles for a point, rad, shape (dof,). Raises BrokenRule if the point is out of
-        reach or was not tried.
+        reach or was not calculated.
         """
         if not point.cartesian:
             return point.position
@@ -87,7 +87,7 @@ class ServoPoints:
 
     @property
     def waiting(self) -> int:
-        """Number of points that wait for the session to begin."""
+        """Number of points that are waiting for the session to begin."""
         return len(self._waiting)
 
     def drop(self) -> int:
@@ -117,7 +117,7 @@ class ServoPoints:
                 if len(self._waiting) >= POINTS:
                     raise BrokenRule(
                         Refusal.OVERRUN,
-                        f"{POINTS} points already wait for the session to begin, which is the maximum",
+                        f"{POINTS} points are already waiting for the session to begin, which is the maximum",
                     )
                 self._waiting.append((joints, point))
             else:
@@ -129,7 +129,7 @@ class ServoPoints:
         self._rules.accept(point)
 
     def _pass_on(self, joints: Sequence[float], point: Point, session: StreamSession) -> None:
-        """Pass a point to the session. It has already been accepted, and may have waited."""
+        """Pass an accepted point to the session, possibly one that had to wait for it."""
         try:
             self._put(joints, point, session)
         except BrokenRule as exc:

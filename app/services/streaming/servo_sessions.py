@@ -174,7 +174,7 @@ class ServoSessions:
             raise
 
     def _fail(self, reason: str) -> None:
-        """Reject the points that wait for the session, because it could not begin."""
+        """Reject the waiting points after the session could not begin."""
         self.reason = reason
         self._rules.end()
         lost = self._points.drop()

@@ -276,7 +276,7 @@ class StreamService:
         )
 
     def close(self) -> None:
-        """Leave the current session, which rtloop ends when this process ends."""
+        """Abandon the current session. rtloop ends it when this process ends."""
         for task in self._tasks:
             task.cancel()
 

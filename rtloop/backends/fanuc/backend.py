@@ -179,7 +179,7 @@ class FanucBackend:
         return True
 
     def recover_step(self) -> bool:
-        """End what is left of the last motion. `enable_step` then begins a new one at the arm's position."""
+        """End the remainder of the last motion. `enable_step` then begins a new one at the arm's position."""
         if self._unended and not self._silence_s > self._options.silence_s:
             if self._answered:
                 return False

@@ -36,7 +36,7 @@ class RmiReport:
 
 
 class BringUp:
-    """Sends requests in the order that the controller requires."""
+    """Prepares the controller for motion, with requests in the order that it requires."""
 
     def __init__(
         self,

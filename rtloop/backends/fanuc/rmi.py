@@ -39,7 +39,7 @@ def number_of(value: object) -> float:
 
 
 class RmiLines(Protocol):
-    """Exchanges single lines in both directions."""
+    """Sends and receives single lines."""
 
     def send(self, line: bytes) -> None: ...
 

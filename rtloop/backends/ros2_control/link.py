@@ -121,7 +121,7 @@ class ControllerLink(Protocol):
     """The functions of the link that the device uses. Each may raise BackendError."""
 
     def open(self) -> None:
-        """Begin to listen. Does nothing if the link is already listening."""
+        """Start to listen. Does nothing if the link is already listening."""
         ...
 
     def close(self) -> None:

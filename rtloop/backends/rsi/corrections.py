@@ -154,8 +154,8 @@ class Corrections:
         )
 
     def settle(self, state: RobState) -> None:
-        """While the arm is at rest, adopt the controller's own sum of relative corrections if it differs from
-        ours.
+        """If the controller's own sum of relative corrections differs from this one while the arm is at rest,
+        adopt it.
         """
         if not self._relative or self._resting * self._period_s < RESTED_S or self.reference is None:
             return

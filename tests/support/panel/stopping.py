@@ -147,7 +147,7 @@ def test_a_program_that_fails_says_at_which_step_and_why(
 def test_a_sentence_of_the_service_is_introduced_in_the_language_of_the_panel(panel: Panel) -> None:
     """Also one without words of its own: what it is about is said in each language, the facts follow."""
     said = json.dumps({"code": "not_found", "detail": "there is no object 'box'"})
-    moving = json.dumps({"code": "conflict", "detail": "the arm moves", "details": {"cause": "moving"}})
+    moving = json.dumps({"code": "conflict", "detail": "the arm is moving", "details": {"cause": "moving"}})
     reasons = f"import('/panel/reasons.js').then((all) => [all.reasonOf({said}), all.reasonOf({moving})])"
     found = {}
     for language in ("de", "zh", "en"):
@@ -156,7 +156,7 @@ def test_a_sentence_of_the_service_is_introduced_in_the_language_of_the_panel(pa
     assert found["en"][0] == "there is no object 'box'"
     assert found["de"][0] == "Das gibt es nicht: there is no object 'box'"
     assert found["zh"][0] == "未找到：there is no object 'box'"
-    assert "the arm moves" not in " ".join(each[1] for each in found.values())
+    assert "the arm is moving" not in " ".join(each[1] for each in found.values())
 
 
 def test_a_limit_of_a_step_is_named_with_its_values(panel: Panel) -> None:

@@ -81,8 +81,8 @@ class Reflexes:
         return result
 
     def _rates(self, sequence: int, position: Array, tcp_m_s: float, period_s: float) -> Accepted | Rejected:
-        """Check the velocity, acceleration and jerk. The last two are not checked if a command that is needed
-        to calculate them was lost.
+        """Check the velocity, acceleration and jerk. Acceleration and jerk are not checked if a command that
+        is needed to calculate them was lost.
         """
         known = [*self._known, (sequence, position)]
         numbers = [number for number, _ in known]

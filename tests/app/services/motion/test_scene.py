@@ -183,7 +183,7 @@ def test_nothing_is_attached_while_the_arm_moves(robot):
     robot.until(lambda: robot.rig.mode is LoopMode.TRAJECTORY)
     refused = change(robot, attach={"ball": []})
     assert refused.status_code == 409
-    assert "the arm moves" in refused.json()["detail"]
+    assert "the arm is moving" in refused.json()["detail"]
     assert robot.end(begun).json()["success"]
 
 

@@ -143,7 +143,7 @@ def test_only_so_many_segments_wait(pair: Pair) -> None:
         pair.sync.begin(1, [LEFT, RIGHT])
         for number in range(MAX_WAITING):
             await pair.segment(LEFT, number, pair.away)
-        with pytest.raises(LimitError, match="segments already wait for a robot"):
+        with pytest.raises(LimitError, match="segments are already waiting for a robot"):
             await pair.segment(LEFT, MAX_WAITING, pair.away)
         assert await pair.done(pair.segment(RIGHT, 0, pair.away))  # one that waits may begin
 
