@@ -85,7 +85,9 @@ def _free(robot: RobotDescription, count: int) -> Iterator[tuple[str, str, Body]
         away = here.position + LINE_M * across / np.linalg.norm(across)
         a, b, c = here.abc
         pose = dict(zip("xyz", away.tolist(), strict=True)) | {"a": a, "b": b, "c": c}
-        yield "lin", POSE, {"start": start.tolist(), "planner": "lin"} | pose
+        line = {"start": start.tolist(), "planner": "lin"} | pose
+        yield "lin", POSE, line
+        yield "lin without suggestions", POSE, line | {"explain": False}
 
 
 def _measure(
