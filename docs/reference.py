@@ -29,7 +29,7 @@ def _rest() -> Iterator[str]:
     yield (
         "Made of the service's own OpenAPI document, which a running service has at `/docs` to try and at "
         "`/openapi.json` for programs. [HTTP API](api.md) leads to the pages that explain it, with examples. "
-        "Each endpoint of a robot also exists below `/robots/NAME`. Types with a name are listed last."
+        "Each endpoint of a robot is also available under `/robots/NAME`. Types with a name are listed last."
     )
     operations = [
         (path, method, operation)
