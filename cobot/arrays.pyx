@@ -16,7 +16,7 @@ cdef double* doubles(object array, Py_ssize_t size) except NULL:
     """The first number of a C-contiguous, writable array of at least `size` float64.
 
     Raises:
-        TypeError: the object is not an array, or has other numbers.
+        TypeError: the object is not an array, or its numbers are not float64.
         ValueError: the array is too short, not contiguous, read-only or not aligned.
     """
     cdef Py_buffer view

@@ -45,9 +45,9 @@ def jumps(coefficients: Array, durations: Array) -> tuple[Array, Array]:
     quintic, shape (pieces, n, 6), to the start of the next one; and the magnitudes at that start."""
 
 def greatest_rates(coefficients: Array, durations: Array, enough: Array | None = None) -> Array:
-    """The exact largest magnitudes of velocity, acceleration and jerk, shape (3, pieces, n), of quintics,
-    shape (pieces, n, 6), in powers of the time since each piece's start.
+    """The exact largest magnitudes of velocity, acceleration and jerk, shape (3, pieces, n), of quintics.
 
+    coefficients: shape (pieces, n, 6), for powers of the time since each piece's start.
     enough: values that can be broadcast to the shape of the result. If a magnitude is certainly not above its
     value here, an upper bound that is not above it either may be returned, which takes a fifth of the time.
     """

@@ -68,7 +68,8 @@ cdef void quintic_between(
 
 
 cdef inline void _basis(int order, double s, double duration_s, double* basis) noexcept nogil:
-    """The basis of a derivative by time, (6,): the factors of the coefficients from that of its order on."""
+    """The basis of a derivative by time, (6,): the factors of the coefficients, beginning with the
+    coefficient of its order."""
     cdef double power = 1.0
     cdef int i, _
     for _ in range(order):
@@ -364,8 +365,11 @@ cdef double _control(const double* p, int degree) noexcept nogil:
 
 
 def greatest_rates(coefficients, durations, enough=None):
-    """The exact largest magnitudes of velocity, acceleration and jerk, (3, pieces, n), of quintics, shape
-    (pieces, n, 6), in the time since each piece's start; see polynomials.pyi for `enough`."""
+    """The exact largest magnitudes of velocity, acceleration and jerk, (3, pieces, n), of quintics.
+
+    The coefficients, shape (pieces, n, 6), are those of powers of the time since each piece's start. See
+    polynomials.pyi for `enough`.
+    """
     cdef int pieces = len(coefficients), n = np.shape(coefficients)[1]
     cdef int piece, i, order, k
     rows = np.array(coefficients, dtype=np.float64, order="C")

@@ -70,7 +70,7 @@ cdef class Ring:
         self.c_put(bytes_of(record, self._size))
 
     def read(self, first, count):
-        """Copies of the records with `count` numbers from `first` on, except those that do not exist.
+        """Return copies of the `count` records from number `first` on, except those that do not exist.
 
         Returns:
             An array of `dtype`, in the order of the numbers.
@@ -99,7 +99,7 @@ cdef class Ring:
         one = np.empty(1, self.dtype)
         cdef char* record = bytes_of(one, self._size)
         cdef uint64_t number = max(1, first), newest = other.c_newest(), lost = 0
-        if newest < number or not other.c_take(newest, record):  # nothing new, or a spoilt hint
+        if newest < number or not other.c_take(newest, record):  # nothing is new, or the hint is damaged
             return number, 0
         if newest - number >= <uint64_t>other.capacity:
             lost = newest - other.capacity + 1 - number

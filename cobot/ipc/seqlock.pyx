@@ -49,7 +49,7 @@ cdef class Block:
     def __init__(self, memory, Py_ssize_t offset, dtype, str name, str writer="its writer"):
         """
         Raises:
-            ValueError: beyond the mapping, or not at a multiple of 8 bytes.
+            ValueError: the record is beyond the mapping, or not at a multiple of 8 bytes.
         """
         if offset < 0 or offset % 8:
             raise ValueError(f"a block begins at a multiple of 8 bytes, not at {offset}")
@@ -99,7 +99,7 @@ cdef class Block:
         """The latest consistent record (`data`, which the next read overwrites).
 
         Raises:
-            TornReadError: no try of `READ_TRIES` was consistent.
+            TornReadError: none of `READ_TRIES` tries was consistent.
         """
         for attempt in range(READ_TRIES):
             if self.c_try_read():
@@ -138,7 +138,7 @@ cdef class SharedCounter:
     def __init__(self, memory, Py_ssize_t offset):
         """
         Raises:
-            ValueError: beyond the mapping, or not at a multiple of 8 bytes.
+            ValueError: the counter is beyond the mapping, or not at a multiple of 8 bytes.
         """
         if offset < 0 or offset % 8:
             raise ValueError(f"a counter begins at a multiple of 8 bytes, not at {offset}")

@@ -96,7 +96,7 @@ def _support(chosen: argparse.Namespace, settings: Settings) -> None:
         with Client(url, token=chosen.token, verify=verify, timeout_s=SUPPORT_TIMEOUT_S) as client:
             client.fetch_support(chosen.file)
     except UnavailableError as exc:
-        print(f"cobot: {plain_lines(exc)}; the bundle has local files only", file=sys.stderr)
+        print(f"cobot: {plain_lines(exc)}; the bundle contains only local files", file=sys.stderr)
         _write(chosen.file, make_bundle(settings, {}))
 
 

@@ -198,7 +198,7 @@ def _require_readable(python: Path) -> None:
 
 
 _SETTINGS = f"""\
-# The settings of the cobot service, where they differ from the defaults. Keep here only your own.
+# Settings of the cobot service that differ from the defaults. Keep only your own values here.
 # `cobot check --config {SETTINGS}` validates them; `systemctl reload cobot` applies named positions, joint
 # limits and web settings while nothing moves; everything else needs `systemctl restart cobot`.
 logs: {LOGS}

@@ -17,8 +17,11 @@ cdef inline double _dot(const double* a, const double* b) noexcept nogil:
 cdef inline void _frame(
     const double* motion, double* tangent, double* normal, double* amounts
 ) noexcept nogil:
-    """Tangent and normal, for a velocity and, 6 numbers later, its derivative; 0 if undefined. `amounts`
-    becomes the length of the velocity and of the part of the derivative normal to it."""
+    """Compute the tangent and the normal of a motion; each is 0 if it is undefined.
+
+    `motion` contains a velocity and, 6 numbers later, its derivative. `amounts` becomes the length of the
+    velocity and that of the derivative's part normal to it.
+    """
     cdef double along
     cdef int i
     amounts[0] = sqrt(_dot(motion, motion))

@@ -323,7 +323,7 @@ cdef class Stations:
                 right[cell + i] += terms[6 + i][lane]
 
     cdef double largest_share(self, const double* c) noexcept nogil:
-        """The largest factor by which c can be multiplied so that all bounds are kept; 0 if none does."""
+        """The largest factor by which c can be multiplied so that all bounds are kept; 0 if there is none."""
         cdef double largest = 1e300
         cdef double least = 1e300  # The smallest bound of its power of 3/2.
         cdef double high, low, value
@@ -472,7 +472,7 @@ def fastest_rate(begin, Stations times, list bounded, double gap, int iterations
 
     Args:
         begin: the coefficients to begin with, except for a factor, shape (cells + 2,).
-        times: `high` are the weights of b^(-1/2) in the duration, one row.
+        times: its `high` contains the weights of b^(-1/2) in the duration, in one row.
         bounded: the limits of the rate.
         gap: the iteration ends when at most this share of the duration is left to gain.
 

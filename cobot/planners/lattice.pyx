@@ -124,7 +124,8 @@ cdef bint _has_step(
     const double* row, const char* good, Py_ssize_t m, Py_ssize_t angle, int window, const double* end,
     int dof, double step_rad
 ) noexcept nogil:
-    """Whether a step leads to the joints `end` from a good node of the row, the nearest arm angles first."""
+    """Whether a step leads to the joints `end` from a good node of the row. The nearest arm angles are tried
+    first."""
     cdef int shift
     cdef Py_ssize_t other
     for shift in range(window + 1):

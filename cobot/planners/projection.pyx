@@ -1,6 +1,6 @@
 """Configurations that keep path constraints of the TCP, and steps between them, see projection.pyi.
 
-A search projects ten thousands of configurations, so nothing here allocates but the results.
+A search projects ten thousands of configurations, so only the results are allocated.
 """
 
 from libc.math cimport atan2, fabs, fmax, fmin, sqrt
@@ -171,8 +171,9 @@ cdef class Projection:
     cdef int _violations(
         self, const double* joints, double inside, double* rows, double* missing
     ) noexcept nogil:
-        """The number of constraints that are not kept, with (1) or without (0) their margin; for each, the
-        gradient by the joints and the required change."""
+        """Return the number of violated constraints. For each, set its gradient by the joints in `rows` and
+        the required change in `missing`. `inside` is 1 with the constraints' margin, 0 without it.
+        """
         cdef double pose[7]
         cdef double turn[9]
         cdef double jacobian[6 * MAX_DOF]

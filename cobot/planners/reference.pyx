@@ -146,7 +146,7 @@ cdef _factors(
 
 
 cdef double _speeding_up(const double* first, const double* speed, int points, int m) noexcept nogil:
-    """Longest time that a full acceleration takes to reach the speed, s."""
+    """The longest time, s, in which a full acceleration reaches the speed."""
     cdef double longest = 0.0
     cdef int i, j
     for i in range(points):

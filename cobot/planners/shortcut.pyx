@@ -93,8 +93,8 @@ cdef void _cut_short(Clearance clearance, Way* way, uint64_t seed) noexcept nogi
 
 
 cdef bint _is_free(Clearance clearance, Way* way, const double* begin, const double* end) noexcept nogil:
-    """Whether an edge is free. Most cuts join corners, so the same ones come again; those that are not free
-    are remembered."""
+    """Whether an edge is free. Most cuts join corners, so the same edges are checked again; those that are
+    not free are stored."""
     cdef size_t size = way.dof * sizeof(double)
     cdef double* ends = way.touching
     cdef int _edge
@@ -172,7 +172,7 @@ cdef void _make(Way* way, const Cut* cut) noexcept nogil:
 
 
 cdef void _leave_out(Clearance clearance, Way* way) noexcept nogil:
-    """Remove each corner whose neighbours a free motion joins."""
+    """Remove each corner whose neighbours can be joined by a free motion."""
     cdef int dof = way.dof
     cdef int index = 1
     cdef int count

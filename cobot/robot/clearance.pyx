@@ -51,7 +51,8 @@ ROUNDING = 2e-6
 """Bound of the float32 rounding errors in `lanes.h`: this value times the distances in the computation, times
 the number of joints between the bodies."""
 INSTRUCTIONS = "COBOT_INSTRUCTIONS"
-"""Environment variable that selects the instructions: "plain", "avx2" or "avx512"; "exact": no spheres."""
+"""Environment variable that selects the instructions: "plain", "avx2" or "avx512"; "exact" uses no
+spheres."""
 MAX_SLIDE_M = 1e3
 """Largest position of a slide without a range, m."""
 
@@ -307,7 +308,8 @@ cdef class Clearance:
         self._lanes.least, self._lanes.slack = self._lane_least, ROUNDING * (self.dof + 4) * extent
 
     def _tree(self, int index):
-        """The nodes around a part, as `LaneNode`, in its joint's frame, or in the world's if it stands."""
+        """The nodes around a part, as `LaneNode`, in its joint's frame, or in the world's if no joint moves
+        it."""
         cdef Part* part = &self._part[index]
         if part.joint < 0 and part.solid.kind != OTHER and part.solid.kind != CLOUD:
             return np.empty((0, 7), dtype=np.float32)
@@ -426,8 +428,8 @@ cdef class Clearance:
     cdef bint _is_proven(
         self, const double* control, int degree, double begin, double end, int* order, int count, bint ordered
     ) noexcept nogil:
-        """Whether the first `count` pairs of an order are free along a curve. The place where one is not
-        free is stored.
+        """Whether the first `count` pairs of an order are free along a curve. The point at which a pair is
+        not free is stored.
 
         With `ordered` the stored place is the first one, within the resolution; otherwise any.
         """
@@ -637,7 +639,7 @@ cdef class Clearance:
         self, const double* start, const double* rates, const double* at, int count, LaneQuery* query,
         LaneAnswer* answer
     ) noexcept nogil:
-        """The result of the spheres at `count` places of an edge. Lanes without a place repeat the last
+        """The result of the spheres at `count` points of an edge. Lanes without a point repeat the last
         one."""
         cdef double joints[MAX_DOF * MAX_LANES]
         cdef int lane, joint
@@ -1133,8 +1135,8 @@ cdef class Clearance:
         self, const Part* first, const Part* second, double enough_m, double exact_m, double decided_m,
         double* line
     ) noexcept nogil:
-        """Like `gap`. If the distance is at least `exact_m`, the result may be too small, but not below
-        `exact_m`. If it is below `decided_m`, the result may be too large, but not above `decided_m`.
+        """Like `gap`. If the distance is at least `exact_m`, the result may be too small, but is not below
+        `exact_m`. If it is below `decided_m`, the result may be too large, but is not above `decided_m`.
         """
         if second.solid.kind != CLOUD:
             return gap(self._model, self._data, &first.solid, &second.solid, enough_m, line)

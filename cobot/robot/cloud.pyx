@@ -98,8 +98,8 @@ cdef class CloudTree:
         the largest empty volume is divided first.
 
         Returns:
-            Middle and edges of each box, shape (k, 6), m, along the grid's axes; and a bound for how far they
-            reach beyond the cubes, m; 0: they are the cubes.
+            Middle and edges of each box, shape (k, 6), m, along the grid's axes; and a bound of the distance
+            by which they extend beyond the cubes, m. 0 means that they are exactly the cubes.
         """
         bounds = self.bounds
         cdef double edge
@@ -131,7 +131,7 @@ cdef class CloudTree:
         return found, beyond
 
     def is_within(self, boxes):
-        """Whether each cube is in one of these boxes, rows as those of `boxes`."""
+        """Whether each cube is in one of these boxes, which have rows like those of `boxes`."""
         given = np.array(boxes, dtype=np.float64).reshape(-1, 6)
         given[:, :3] -= self.bounds[:3]
         cdef int count = len(given)
@@ -173,7 +173,7 @@ cdef class CloudTree:
         )
 
     def spheres(self):
-        """A sphere around each node, rows as those of `cover`, from the middle of the cloud."""
+        """A sphere around each node, in rows like those of `cover`, relative to the middle of the cloud."""
         found = np.empty((2 * self.count - 1, 7))
         cdef double[:, ::1] rows = found
         cdef CloudNode* node
@@ -198,8 +198,8 @@ cdef class CloudTree:
         return found
 
     def nodes_at(self, turn, offset):
-        """The spheres of a cloud at this place, as `lane_nodes`. Those of the last place are kept: all checks
-        of a scene share them."""
+        """The spheres of a cloud at this pose, as `lane_nodes`. Those of the last pose are kept, because all
+        checks of a scene share them."""
         place = turn.tobytes(), offset.tobytes()
         placed = self._placed
         if placed is None or placed[0] != place:
@@ -208,7 +208,7 @@ cdef class CloudTree:
 
 
 def lane_nodes(tree, turn, offset):
-    """Spheres, rows of `cover`, as rows of `LaneNode`, turned by a matrix and moved by an offset."""
+    """Rotate and move spheres, given as rows of `cover`, and return them as rows of `LaneNode`."""
     nodes = np.empty((len(tree), 7), dtype=np.float32)
     nodes[:, :3] = tree[:, :3] @ turn.T + offset
     nodes[:, 3:5] = tree[:, 3:5]
@@ -319,7 +319,7 @@ cdef double gap_to_cloud(
 
 
 cdef inline double _from_box(const double* point, const double* half) noexcept nogil:
-    """The distance of a point from a box; inside it its depth, as a negative number."""
+    """The distance of a point from a box; inside the box, its depth as a negative number."""
     cdef double x = fabs(point[0]) - half[0]
     cdef double y = fabs(point[1]) - half[1]
     cdef double z = fabs(point[2]) - half[2]

@@ -240,7 +240,7 @@ cdef class Dynamics:
         mj_rne(self._model, self._data, 0, torques)
 
     def inverse(self, joints, velocity, acceleration):
-        """The torques for rows of joints, shape (..., dof), N·m, without friction."""
+        """The torques for rows of joint states, shape (..., dof), N·m, without friction."""
         shape = np.shape(joints)
         states = (joints, velocity, acceleration)
         given = [

@@ -55,7 +55,7 @@ cdef inline void quat_exp(const double* r, double* out) noexcept nogil:
 
 
 cdef inline void quat_log(const double* q, double* out) noexcept nogil:
-    """The rotation vector of a quaternion of any sign and length, at most π long: the shorter way."""
+    """The rotation vector, at most π long, of a quaternion of any sign and length."""
     cdef double sign = 1.0 if q[0] >= 0.0 else -1.0
     cdef double w = sign * q[0]
     cdef double x = sign * q[1]
@@ -73,7 +73,7 @@ cdef inline void quat_log(const double* q, double* out) noexcept nogil:
 
 
 cdef inline void quat_between(const double* start, const double* end, double* out) noexcept nogil:
-    """The rotation vector that takes one orientation to the other, the shorter way, in the base frame."""
+    """The shorter rotation vector, in the base frame, from one orientation to the other."""
     cdef double back[4]
     cdef double turn[4]
     quat_conjugate(start, back)

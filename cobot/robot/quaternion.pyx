@@ -75,7 +75,7 @@ def exp(r):
 
 
 def log(q):
-    """The rotation vector of a quaternion of any sign and length, at most π long: the shorter way."""
+    """The rotation vector, at most π long, of a quaternion of any sign and length."""
     cdef double[4] given
     cdef double[3] out
     _read4(q, given)
@@ -84,7 +84,7 @@ def log(q):
 
 
 def between(start, end):
-    """The rotation vector that takes one orientation to the other, the shorter way, in the base frame."""
+    """The shorter rotation vector, in the base frame, from one orientation to the other."""
     cdef double[4] first, second
     cdef double[3] out
     _read4(start, first)

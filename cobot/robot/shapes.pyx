@@ -171,7 +171,7 @@ cdef double _between_segments(
 
 
 cdef void _normalise_or_cross(double* normal, const double* turn, const double* other_turn) noexcept nogil:
-    """Normalise the direction. If two axes meet, their distance grows fastest along the direction normal to
+    """Normalise the direction. If two axes meet, their distance grows fastest in the direction normal to
     both."""
     cdef double length = sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2])
     cdef int i
@@ -270,7 +270,7 @@ cdef double axis_to_box(
     const double* centre, const double* axis, double half, const double* box, double* normal, double* along
 ) noexcept nogil:
     """The distance of a segment from a box, negative if they meet, with the direction in which it grows
-    fastest and the place on the segment. All are in the frame of the box.
+    fastest and the point on the segment. All are in the frame of the box.
 
     The squared distance along the segment is convex and piecewise quadratic: its derivative is linear
     between the planes of the box's faces, and where it vanishes is the nearest point.

@@ -62,7 +62,7 @@ class Messages:
         self.definitions |= definitions
 
     def add_lazily(self, definitions: Mapping[str, str]) -> None:
-        """Add types whose texts are valid. Each text is parsed when it is first needed.
+        """Add types whose definitions are valid. Each definition is parsed when it is first needed.
 
         The vendor's 300 services take half a second to parse, and few are ever called.
         """

@@ -76,8 +76,8 @@ def info_time(seconds: float) -> bytes:
 
 
 def data(reader: bytes, writer: bytes, sequence: int, inline: bytes, payload: bytes, *, key: bool) -> bytes:
-    """A DATA submessage. `inline` are parameters without their end marker. With `key`, the payload is only
-    the key of a disposed entity.
+    """A DATA submessage. `inline` contains the inline parameters without their end marker. With `key`,
+    the payload is only the key of a disposed entity.
     """
     flags = _LITTLE | (_KEY if key else _DATA)
     if inline:

@@ -336,7 +336,7 @@ cdef class Arm:
     cdef void _turn_error(
         self, const Problem* problem, const double* rotation, double* jacobian, double* error
     ) noexcept nogil:
-        """The rotation that is missing to the pose. Free rotations are removed from the Jacobian."""
+        """The remaining rotation to the pose. Free rotations are removed from the Jacobian."""
         cdef double axis[3]
         cdef double target[3]
         cdef double along, sine
@@ -553,9 +553,9 @@ cdef class Arm:
         return rows[solved.astype(bool)]
 
     def carry(self, poses, seed, int steps, double step, double share=1.0):
-        """Descend from pose to pose, (n, 7), each time from the joints at the last pose. Returns the joints,
-        (k, dof), before the first descent that fails, drives a joint into a limit, or turns a joint by more
-        than `step`. `share` is that of `descend`."""
+        """Descend to each of the poses, (n, 7), in turn, starting from the joints at the previous pose.
+        Returns the joints, (k, dof), before the first descent that fails, drives a joint into a limit, or
+        turns a joint by more than `step`. `share` is that of `descend`."""
         cdef Problem problem
         cdef double distance[2]
         cdef double turned

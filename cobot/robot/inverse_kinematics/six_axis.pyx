@@ -159,9 +159,9 @@ cdef class SixAxisArm(Arm):
     cdef int _base_angles(
         self, const Problem* problem, const double* wrist, double* angles, int* ways
     ) noexcept nogil:
-        """Angles of the first joint at which the wrist is in the plane in which the next joints move it, and
-        which of the two ways each one is. If the wrist is on the first axis, every angle is valid and some
-        are returned.
+        """Find the angles of the first joint at which the wrist is in the plane in which the next joints move
+        it, and the number of each angle's branch, 0 or 1. If the wrist is on the first axis, every angle is
+        valid, and a few of them are returned.
         """
         cdef double arm[3]
         cdef double aside[3]
@@ -419,7 +419,8 @@ cdef class SixAxisArm(Arm):
         return max(count, place + 1)
 
     cdef double c_gap(self, const Problem* problem) noexcept nogil:
-        """How far the wrist is out of the range that the elbow reaches within its limits, if that is known.
+        """The distance of the wrist from the range that the elbow can reach within its limits, if that is
+        known.
         """
         cdef double angles[TRIED + 1]
         cdef int ways[TRIED + 1]

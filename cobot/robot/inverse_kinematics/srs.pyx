@@ -705,7 +705,7 @@ cdef class SrsArm(Arm):
         return cost
 
     cdef double c_gap(self, const Problem* problem) noexcept nogil:
-        """How far the wrist centre is out of the range that the elbow reaches within its limits."""
+        """The distance of the wrist centre from the range that the elbow can reach within its limits."""
         cdef double direction[3]
         self._to_wrist(problem, direction)
         return hinge_gap(

@@ -216,7 +216,8 @@ cdef inline double hinge_distance(const Hinge* hinge, double angle) noexcept nog
 cdef inline double hinge_gap(
     const Hinge* hinge, double distance, double low, double high, double near
 ) noexcept nogil:
-    """How far a distance is out of the range that the hinge's points can have within limits, m."""
+    """The amount, m, by which a distance is outside the range that the hinge's points can have within
+    limits."""
     cdef double least = 1e300
     cdef double most = 0.0
     cdef double angle, value
