@@ -70,7 +70,7 @@ MEANINGS: dict[Code, str] = {
     Code.CONFLICT: "another client has control, or the current state does not permit this call",
     Code.CHANGED: "another client has changed the object in the meantime; the message names the client",
     Code.UNAVAILABLE: "a process, a file in shared memory or a device does not answer",
-    Code.NOT_READY: "the robot is in a mode that permits no motion",
+    Code.NOT_READY: "the robot is in a mode that does not permit motions",
     Code.SHARED_MEMORY: "shared memory contains unexpected data",
     Code.LAYOUT: "shared memory belongs to another version or another robot",
     Code.TORN_READ: "no consistent copy of the state could be read",

@@ -26,7 +26,7 @@ CobotError
 │   └── MisdirectedError     the request is addressed to another host
 ├── UnavailableError     a process, a file in shared memory or a device does not answer
 │   ├── BusyError            too many connections are open to serve another one
-│   └── NotReadyError        the robot answers, but its mode permits no motion
+│   └── NotReadyError        the robot answers, but its mode does not permit motions
 └── SharedMemoryError    the shared memory contains unexpected data
     ├── LayoutError          it has another layout version, or belongs to another robot or program
     └── TornReadError        no consistent copy was read within the maximum number of tries

@@ -103,7 +103,7 @@ DESCRIPTIONS = {
     500: "An error in cobot itself; its log has the details.",
     501: "The robot's backend does not support this; the detail names the backend.",
     502: "The device rejects the request; the detail has the reason.",
-    503: "The real-time process does not answer, or the robot is in a mode that permits no motion.",
+    503: "The real-time process does not answer, or the robot is in a mode that does not permit motions.",
     504: "The device has not confirmed the request in time; the detail has its report.",
 }
 
