@@ -1,4 +1,4 @@
-"""An arm as a Gymnasium environment: one episode with random directions. No service is needed:
+"""An arm as a Gymnasium environment: one episode with random directions. Nothing has to run:
 
     .venv/bin/python examples/learning_env.py
 

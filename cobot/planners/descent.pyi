@@ -3,7 +3,7 @@
 from cobot.robot.clearance import Clearance
 from cobot.types import Array
 
-class Descent:
+class PathDescent:
     """A path that moves. Only its ends stay in place."""
 
     def __init__(

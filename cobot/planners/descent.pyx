@@ -14,7 +14,7 @@ cdef enum:
 cdef double NO_STEP = 1e-9
 
 
-cdef class Descent:
+cdef class PathDescent:
     cdef Clearance _clearance
     cdef int _count      # points that move
     cdef double _low[MAX_DOF]

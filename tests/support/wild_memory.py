@@ -199,9 +199,10 @@ def run(cycles: int, seed: int, has_writer: bool, simulated: bool) -> None:
     stranger = Stranger(rig.memory, random)
     began: Counter[str] = Counter()
     found: list[str] = []
+    rounds: list[int] = []  # each round has each kind once
     try:
         while rig.cycles < cycles:
-            kind = KINDS[random.integers(len(KINDS))]
+            kind = KINDS[(rounds := rounds or random.permutation(len(KINDS)).tolist()).pop()]
             rig.come_home()
             task = make_task(rig, kind, random)
             began[str(kind)] += 1

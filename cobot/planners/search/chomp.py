@@ -18,7 +18,7 @@ import numpy as np
 
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
 from cobot.motions.requests import MotionRequest
-from cobot.planners.descent import Descent
+from cobot.planners.descent import PathDescent
 from cobot.planners.search.spline import smooth_motion
 from cobot.robot.clearance import Clearance
 from cobot.robot.collision import Contact
@@ -132,7 +132,7 @@ def _descend(
     limits, count = robot.limits, len(points)
     spread = _spread(count)
     smoothest = -spread @ _pull(points[0], points[-1], count)
-    descent = Descent(
+    descent = PathDescent(
         clearance,
         points,
         smoothest,

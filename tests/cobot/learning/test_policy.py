@@ -206,7 +206,7 @@ def test_a_policy_without_the_column_of_the_fingers_ends_with_a_sentence(
         fingers=Hand(simulation),
         clock=simulation.clock,
     )
-    with pytest.raises(ExecutionError, match=r"of shape \(15, 7\); a chunk for this arm is \(k, 8\)"):
+    with pytest.raises(ExecutionError, match=r"have shape \(15, 7\); a chunk for this arm is \(k, 8\)"):
         runner.run(1.0)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.planning import scenes
-from cobot.planners.descent import Descent
+from cobot.planners.descent import PathDescent
 from cobot.planners.search.chomp import _pull, _spread
 from cobot.robot.clearance import INSTRUCTIONS, Clearance
 from cobot.robot.collision import RESOLUTION_M, geom_pairs
@@ -19,10 +19,10 @@ PUSHED_M, WIDTH_M = 0.009, 0.04
 
 def descent(
     clearance: Clearance, points: Array, low: Array, high: Array, width_m: float = WIDTH_M
-) -> Descent:
+) -> PathDescent:
     spread = _spread(len(points))
     smoothest = -spread @ _pull(points[0], points[-1], len(points))
-    return Descent(clearance, points, smoothest, spread, low, high, PUSHED_M, width_m)
+    return PathDescent(clearance, points, smoothest, spread, low, high, PUSHED_M, width_m)
 
 
 def wandering(random: np.random.Generator, start: Array, count: int) -> Array:
@@ -122,7 +122,7 @@ def test_a_path_at_rest_far_from_everything_does_not_move(robot: RobotDescriptio
 def test_a_path_without_inner_or_finite_points_is_rejected(robot: RobotDescription, points: Array) -> None:
     limits = robot.limits
     with pytest.raises(ValueError, match="at least three finite points"):
-        Descent(
+        PathDescent(
             robot.collision.clearance,
             points,
             np.zeros((3, 7)),

@@ -93,7 +93,7 @@ def test_a_deleted_program_is_not_written_over(run: VirtualService) -> None:
     save(run, "a", 1, label="B")
     assert run.ask("DELETE", "/programs/a", headers={"If-Match": '"1"'}).status_code == 412
     assert run.ask("DELETE", "/programs/a", headers={"If-Match": '"2"'}).json() == []
-    assert "was deleted" in save(run, "a", 2, label="C").json()["detail"]
+    assert "has been deleted" in save(run, "a", 2, label="C").json()["detail"]
     assert set(files(run)) == {stored.DELETED}
     assert run.get("/programs/a").status_code == 404
 

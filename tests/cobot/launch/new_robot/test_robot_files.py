@@ -376,8 +376,8 @@ def test_an_output_folder_that_cannot_be_made_is_named_with_the_reason(tmp_path:
     with pytest.raises(ConfigError, match="already exists; choose another --output"):
         NewRobot(file).write(tmp_path)
     for folder, reason in (
-        (tmp_path / "none" / "made", "there is no folder .*none; make it"),
-        (file / "made", r"there is no folder .*arm\.urdf; make it"),
+        (tmp_path / "none" / "made", "there is no folder .*none; create it"),
+        (file / "made", r"there is no folder .*arm\.urdf; create it"),
         (tmp_path / ("long" * 100), "File name too long; choose another --output"),
     ):
         with pytest.raises(ConfigError, match=f"cannot be written: {reason}"):

@@ -393,7 +393,7 @@ def test_torques_do_not_begin_while_the_arm_moves(own: Settings, arm: RobotDescr
         command[0, 3] += 0.001 * min(cycle / 50, 1.0)
         run(backend, command, 1)
     soft = Impedance(False, 0.5 * backend.nominal_stiffness, np.ones(6))
-    with pytest.raises(BackendError, match=r"moves at 0\.5 rad/s.*begin only at rest"):
+    with pytest.raises(BackendError, match=r"moving at 0\.5 rad/s.*begin only at rest"):
         backend.set_impedance(soft)
     run(backend, command, 1)
     assert not way.torques
