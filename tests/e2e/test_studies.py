@@ -246,7 +246,7 @@ def test_a_worker_with_another_cobot_is_refused_by_name(tmp_path: Path) -> None:
         done = run(file, "--output", "out", "--engine", address, folder=tmp_path)
     assert done.returncode == 1
     assert re.search(
-        r"cobot: the worker on \S+ has another source of cobot: [0-9a-f]{16}, but the study needs",
+        r"cobot: the worker on \S+ has a different source of cobot: [0-9a-f]{16}, but the study needs",
         done.stderr,
     )
 
