@@ -457,9 +457,7 @@ def test_every_example_of_the_schema_works_unedited(http: httpx.Client) -> None:
         ):
             if "/gripper" in path:  # this robot has none: tests/app/api/routers/test_gripper.py
                 continue
-            if path.endswith(
-                "/time_factor"
-            ):  # the fast clock has none: tests/app/api/routers/test_simulation.py
+            if path.endswith("/time_factor"):  # no fast clock: tests/app/api/routers/test_simulation.py
                 continue
             if path == "/access/tokens":  # this service has none: tests/e2e/test_access.py
                 continue
