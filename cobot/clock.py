@@ -106,7 +106,7 @@ class WallTime:
         return self._ahead_ns
 
     def _read(self) -> tuple[int, int]:
-        """The smallest and the largest offset that agree with one reading of both clocks, in ns."""
+        """The smallest and largest offsets, in ns, that are possible after one reading of the two clocks."""
         before_ns = self._clock.now_ns()
         wall_ns = self._clock.wall_ns()
         return wall_ns - self._clock.now_ns(), wall_ns - before_ns

@@ -42,7 +42,7 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Remedy:
-    """A change of a request that made planning succeed.
+    """A change to a request that made planning succeed.
 
     Attributes:
         change: changed fields of `cobot.motions.requests.MotionRequest`.

@@ -56,8 +56,8 @@ NoticeKind = Literal["auto", "left_start", "chomp", "radius", "end_joints"]
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """A difference between a motion and its request, for programs. `Trajectory.note` contains it as a
-    sentence.
+    """A difference between a motion and its request, in a form for programs. `Trajectory.note` contains it as
+    a sentence.
 
     Attributes:
         values: facts of this kind of notice, by their names in docs/conventions.md.
@@ -173,8 +173,8 @@ class Trajectory:
         return lowest, highest
 
     def excesses(self, derivative: int, low: Array, high: Array) -> tuple[Integers, Integers, Array]:
-        """The segments and joints whose extremum is outside the range from `low` to `high`, shape (dof,)
-        each, and these extrema. Returns segments, joints and values, in order, shape (m,) each.
+        """The extrema outside the range from `low` to `high`, shape (dof,) each. Returns the segment, the
+        joint and the value of each extremum, in order, as three arrays of shape (m,).
         """
         rows = self.coefficients
         if derivative > 0:

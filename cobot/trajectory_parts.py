@@ -25,7 +25,7 @@ def cut(trajectory: Trajectory, begin_s: float, end_s: float) -> Trajectory:
 
 
 def remainder_at(trajectory: Trajectory, time_s: float) -> tuple[Trajectory, float]:
-    """The rest of a motion, which begins at the last breakpoint before a time, and the time of that
+    """The part of a motion that begins at the last breakpoint before a given time, and the time of that
     breakpoint, s.
 
     The polynomials are the same, bit for bit. The times are exact too; the time of the breakpoint is

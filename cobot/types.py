@@ -261,7 +261,7 @@ class Waypoint:
     label: str = field(default="", compare=False)
 
     def __reduce__(self) -> tuple[type[Waypoint], tuple[Any, ...]]:
-        """Pickle the waypoint, several times faster than for an ordinary dataclass.
+        """Pickle the waypoint, several times faster than the default for dataclasses.
 
         A motion may contain 100,000 waypoints.
         """

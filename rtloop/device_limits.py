@@ -30,7 +30,7 @@ def narrowed(model: JointLimits, device: JointLimits) -> JointLimits:
 
 def slowed(model: JointLimits, device: JointLimits) -> float:
     """Return the share of the planned speed at which a motion within the model's limits is also within the
-    device's. At the share s, velocities are multiplied by s, accelerations by s² and jerks by s³.
+    device's limits. At the share s, velocities are multiplied by s, accelerations by s² and jerks by s³.
     """
     both = narrowed(model, device)
     shares = [

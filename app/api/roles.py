@@ -53,7 +53,7 @@ They reveal only the name of this robot and the limits of its joints.
 
 
 def roles(endpoints: Mapping[str, Endpoint], *, stop_without_token: bool) -> dict[str, Role]:
-    """Return the role that each endpoint needs, including the endpoints with a robot's name."""
+    """Return the role that each endpoint needs. Endpoints with a robot's name in their path are included."""
     table = {name: endpoint.role for name, endpoint in endpoints.items()}
     table |= {STOP: Role.PUBLIC} if stop_without_token else {}
     twins = {twin_name(name): role for name, role in table.items()}

@@ -26,7 +26,7 @@ MAX_ALPHA = 1000.0
 
 @service("Math")
 def pose_add(robot: Services, p1: list[float], p2: list[float]) -> list[float]:
-    """The sum of two positions, and the rotation of p1 times that of p2. For a change of frames see
+    """The sum of the positions, and the product of the rotations, p1 times p2. To change frames, see
     poseTrans.
 
     Args:
@@ -43,7 +43,7 @@ def pose_add(robot: Services, p1: list[float], p2: list[float]) -> list[float]:
 
 @service("Math")
 def pose_sub(robot: Services, p1: list[float], p2: list[float]) -> list[float]:
-    """The position of p1 minus that of p2, and the rotation of p1 times the inverse of that of p2.
+    """The position of p1 minus the position of p2, and the rotation of p1 times the inverse rotation of p2.
 
     Args:
         p1: [x, y, z, rx, ry, rz], m and rad.

@@ -32,7 +32,7 @@ async def startup(robot: Services) -> None:
 
 @service(CLASS)
 async def release_robot_brake(robot: Services) -> None:
-    """Check that the drives, not the brakes, hold the arm, as poweron does."""
+    """Check, as poweron does, that the drives hold the arm and not the brakes."""
     await robot.link.await_ready_state(STATE_TIMEOUT_S)
 
 

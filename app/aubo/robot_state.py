@@ -150,7 +150,7 @@ async def get_tcp_speed(robot: Services) -> list[float]:
 
 @service("RobotState")
 async def get_tcp_force(robot: Services) -> list[float]:
-    """The force and torque of the surroundings on the tool's tip, estimated from the joint torques.
+    """The force and torque that the surroundings exert on the tool's tip, estimated from the joint torques.
 
     Returns:
         [fx, fy, fz, tx, ty, tz] in the base frame, N and N·m.

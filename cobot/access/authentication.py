@@ -59,7 +59,7 @@ def authentication_required(web: WebSection, address: str) -> bool:
 
 
 def rights_of_ros(ros: RosSection, web: WebSection) -> Role:
-    """The role of DDS participants, because they cannot present a token."""
+    """The role of DDS participants, which cannot present a token."""
     return RIGHTS_OF_ROS[_access_of_ros(ros, web)]
 
 

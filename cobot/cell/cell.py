@@ -332,7 +332,7 @@ class Cell(CellEntry):
 
     @property
     def programs(self) -> tuple[ExampleProgram, ...]:
-        """The example programs, once their files have been read."""
+        """The example programs; empty until `read_examples` has read their files."""
         return self._programs
 
     def read_examples(self, folder: Path) -> None:

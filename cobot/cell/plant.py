@@ -231,9 +231,7 @@ def check_cell(robot: RobotDescription, settings: Settings) -> str:
 
 
 def _name_of_geom(mj: mujoco.MjModel, geom: int, bodies: Container[str]) -> str:
-    """The name of a shape for messages. If the shape belongs to one of these bodies, it is the name of the
-    body.
-    """
+    """The name of a shape for messages. A shape of one of the given bodies gets the name of its body."""
     body = str(mj.body(mj.geom_bodyid[geom]).name)
     return body if body in bodies else str(mj.geom(geom).name or body)
 

@@ -36,7 +36,7 @@ ROLLING_M = 0.0002
 
 
 def flange_of(mj: mujoco.MjModel, tcp: str) -> str:
-    """The site that carries the tool: the arm's flange, or without a flange the arm's TCP."""
+    """The site that carries the tool: the arm's flange, or the arm's TCP if there is no flange."""
     flange = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_SITE, "flange")
     if flange < 0 or mj.body_weldid[mj.site_bodyid[flange]] != mj.body_weldid[mj.site(tcp).bodyid[0]]:
         return tcp

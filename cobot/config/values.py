@@ -109,7 +109,7 @@ def with_its_certificate(key: Path | None, info: ValidationInfo) -> Path | None:
 
 
 def with_room_for_a_body(limits: ConnectionLimits, info: ValidationInfo) -> ConnectionLimits:
-    """Check `web.limits`. The largest body of a request must fit into them."""
+    """Check that the largest request body fits within `web.limits`."""
     largest = max(info.data.get(name, 0) for name in ("max_body_bytes", "max_json_bytes"))
     if limits.bodies_bytes < largest:
         raise ValueError(

@@ -88,7 +88,7 @@ class _Cdr:
         self._data, self._at = content[4:], 0
 
     def number(self, code: str) -> int:
-        """Read an integer, whose format is a code of `struct`."""
+        """Read an integer in the given `struct` format."""
         return int(self._values(code)[0])
 
     def count(self) -> int:

@@ -82,7 +82,7 @@ class PendingRestart(StrictModel):
 
 
 class BundlesCell(Protocol):
-    """Interface of a cell for its bundles.
+    """The part of a cell that its bundles use.
 
     Attributes:
         config: the settings file that is in force. A reload replaces it.

@@ -130,7 +130,7 @@ class CellSettings:
         return [str(each) for each in answer["needs_restart"]]
 
     def remove_others(self, *kept: str) -> None:
-        """Remove the folders of all other bundles, except the one in force."""
+        """Remove the folders of all bundles except the given ones and the active one."""
         needed = {*kept, self.active}
         for folder in self._folder.glob("*"):
             if folder != self._link and folder.name not in needed:
@@ -203,7 +203,7 @@ def _write(folder: Path, files: Sequence[BundleFile]) -> None:
 
 
 def _check(settings: Settings, folder: Path) -> None:
-    """Check settings as `cobot check` does, except the section `fleet`.
+    """Check settings as `cobot check` does, except for `fleet.connect`.
 
     Raises:
         InputError: the check finds an error.

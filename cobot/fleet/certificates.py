@@ -77,7 +77,7 @@ def make_authority(folder: Path, fleet: str) -> None:
 
 
 def issue_hub(folder: Path, hosts: Iterable[str], days: int) -> Path:
-    """Issue the certificate of the hub. Returns its folder.
+    """Issue the hub's certificate. Returns the folder that contains it.
 
     Args:
         folder: folder of the fleet, with its authority.
@@ -303,7 +303,7 @@ def _read_key(path: Path) -> ec.EllipticCurvePrivateKey:
 
 @contextlib.contextmanager
 def _naming(path: Path) -> Iterator[None]:
-    """A context in which an error about this file becomes a ConfigError.
+    """Context manager that turns an error about this file into a ConfigError.
 
     Raises:
         ConfigError: the file cannot be read, or is invalid.

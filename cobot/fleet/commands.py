@@ -39,7 +39,7 @@ class KnownTime:
     answered_s: float
 
     def latest(self, now_s: float) -> float:
-        """The latest time that the hub's clock can have."""
+        """The latest time that the hub's clock can show."""
         return self.hub.time_s + (now_s - self.asked_s)
 
     def earliest(self, now_s: float) -> float:

@@ -85,7 +85,7 @@ class OpenPanel:
         return self.closed or now_s - self.opened_s >= MAX_OPEN_S or now_s - self.used_s >= UNUSED_S
 
     def use(self) -> PanelPerson:
-        """Record that the panel sends a request, and find the person.
+        """Record that the panel has sent a request, and return the person who uses the panel.
 
         Raises:
             NotFoundError: the panel is no longer open.

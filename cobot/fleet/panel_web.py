@@ -220,7 +220,9 @@ class PanelApp:
             await self._link.ask(panel, CloseStream(kind="close", stream=stream))
 
     async def _stop(self, panel: OpenPanel, person: PanelPerson, robot: str) -> Response:
-        """Stop the arms with the same priority as the fleet page. Requests to panels do not delay this."""
+        """Stop the arms, with the same priority as a stop on the fleet page. Requests to panels do not delay
+        the stop.
+        """
         work = partial(self._hub.command, STOP, person.name, person.role, panel.cell, robot)
         answers = await asyncio.get_running_loop().run_in_executor(self._stops, work)
         bad = [each for each in answers if each["code"] != "ok"]

@@ -42,7 +42,9 @@ class ListedRecording(StrictModel):
 
 
 class RecordingPiece(StrictModel):
-    """A request by the hub for the piece from this byte on, or for the hash of the whole file."""
+    """The hub's request for a piece of a recording, starting at a given byte, or for the hash of the whole
+    file.
+    """
 
     name: RecordingName
     offset: Annotated[int, Field(ge=0)] | None = None

@@ -41,7 +41,7 @@ log = logging.getLogger("cobot.fleet")
 
 
 class RobotsCell(BundlesCell, Protocol):
-    """Interface of a cell for its robots."""
+    """The part of a cell that its robots use."""
 
     name: str
     facts: dict[str, Any]

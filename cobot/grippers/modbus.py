@@ -144,8 +144,8 @@ class Master:
             raise self._error("has sent an answer that does not match the request")
 
     def _ask(self, function: ModbusFunction, data: bytes, length: int) -> bytes:
-        """Send a request. Returns the data between the function and the checksum of its answer, if these data
-        have this length.
+        """Send a request. Returns the answer's data, which is between its function code and its checksum and
+        must have this length.
         """
         if self._port is None:
             raise self._error("is not connected")

@@ -177,9 +177,7 @@ def _log(settings: Settings) -> str:
 
 
 def _backend(settings: Settings, config: Path | None) -> str:
-    """Check that the backend can be created by a real-time process that is started as `cobot run` would start
-    it.
-    """
+    """Check that a real-time process, started as `cobot run` starts it, can create the backend."""
     return _said_by("rtloop", config, "--robot", settings.robot.name)
 
 

@@ -231,9 +231,7 @@ def _become_client(chosen: argparse.Namespace) -> NoReturn:
 
 
 def _with_cell(settings: Settings, cell: Path | None) -> Settings:
-    """The settings with this cell for the default robot. With None, the cell in the settings does not
-    change.
-    """
+    """The settings with this cell for the default robot. If the cell is None, the settings stay unchanged."""
     if cell is None:
         return settings
     from cobot.cell.cell import cell_file

@@ -159,7 +159,7 @@ def kernel(machine: Machine) -> Diagnosis:
 
 
 def governor(machine: Machine) -> Diagnosis:
-    """Check whether the cores slow down while they are idle, because they are idle between two cycles."""
+    """Check whether the cores slow down when they are idle. They are idle between two cycles."""
     found = machine.each("/sys/devices/system/cpu", "cpu[0-9]*/cpufreq/scaling_governor")
     if not found:
         return Diagnosis("governor", Severity.OK, "Linux does not control the CPU frequency here")

@@ -57,7 +57,7 @@ def is_gone(pid: int) -> bool:
 
 
 def is_stopped(pid: int) -> bool:
-    """Whether SIGSTOP keeps a process from running; False if that is unknown."""
+    """Whether SIGSTOP has suspended a process; False if that is unknown."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
     except OSError:

@@ -21,8 +21,8 @@ Meaning = Literal["positions", "offsets"]
 
 
 def actions_of(answer: Mapping[str, Any], dof: int, *, fingers: bool = False) -> Array:
-    """The actions in a policy's answer, shape (k, dof), or with fingers shape (k, dof + 1). Further columns
-    are ignored.
+    """The actions in a policy's answer. Their shape is (k, dof), or (k, dof + 1) with fingers. Further
+    columns are ignored.
 
     Raises:
         ExecutionError: the actions are missing or invalid; the message describes the content of the answer.

@@ -212,8 +212,8 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         self._arm.close()
 
     def _read_start(self, options: dict[str, Any] | None) -> Array | None:
-        """The joint positions in the options at which an episode begins; None if the options do not contain
-        them.
+        """The joint positions at which an episode begins, from the options; None if the options do not
+        contain them.
         """
         if not isinstance(options, Mapping | None):
             raise InputError(f"options must be a dictionary, got {options!r}")

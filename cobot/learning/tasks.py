@@ -37,7 +37,7 @@ class Task(Protocol):
 
 
 class Reach:
-    """The task to move the TCP to a target, which is its position in a random posture of the arm.
+    """The task to move the TCP to a target. The target is the TCP's position in a random posture of the arm.
 
     The reward is minus the distance in metres, and 1 when the target is reached.
 

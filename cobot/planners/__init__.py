@@ -147,7 +147,8 @@ def _choose(robot: RobotDescription, request: MotionRequest, goals: Array) -> Tr
 
 
 def validated(robot: RobotDescription, request: MotionRequest, trajectory: Trajectory) -> Trajectory:
-    """Return the motion after the checks that every plan must pass and the checks of its constraints.
+    """Check that a motion passes the checks for all plans and the checks of its own constraints, and return
+    the motion.
 
     Raises:
         PlanningError: the motion fails a check.

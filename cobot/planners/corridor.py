@@ -99,7 +99,7 @@ def asked_curve(motion: Trajectory, step_s: float) -> AskedCurve:
 
 
 def _averaged(rows: Array, steps: int, times: int) -> Array:
-    """The averages over `steps` steps before and after each row, taken `times` times."""
+    """A moving average over `steps` rows before and after each row, applied `times` times."""
     reach, calm = steps * PARTS, rows
     for _ in range(times):
         calm = moving_average(calm, 2 * reach + 1)
@@ -151,8 +151,8 @@ def deviation(asked: AskedCurve, control: Array, times_s: Array, step_s: float) 
 
 
 def _missed(given: Array, control: Array, step_s: float, times_s: Array) -> Array:
-    """The distance that a motion keeps from the given positions, shape (dof,), rad. Only points near the
-    given times are considered, in order.
+    """Each joint's largest distance between a motion and the given positions, shape (dof,), rad. Each
+    position is compared only with points of the motion near its given time, in order.
     """
     positions, velocities = spline_at(control, step_s, times_s)
     shift = shift_along(given - positions, velocities)

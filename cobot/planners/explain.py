@@ -51,7 +51,7 @@ DEFAULTS = {each.name: each.default for each in fields(MotionRequest) if each.na
 
 @dataclass(frozen=True, slots=True)
 class Idea:
-    """A change of the request that may make it work.
+    """A change to the request that may make it succeed.
 
     Attributes:
         first: whether the arm must first go to a different start; the idea is used only if it can go there.
@@ -113,8 +113,8 @@ def _plan_idea(robot: RobotDescription, request: MotionRequest, idea: Idea, left
 def _ideas(
     robot: RobotDescription, request: MotionRequest, error: CobotError
 ) -> Iterator[tuple[Kind, Iterator[Idea]]]:
-    """The ideas of each kind, the most promising kinds first. Finding the ideas of a kind may take a long
-    time, so it begins with the first one of them.
+    """The kinds of ideas, the most promising kind first, each with an iterator over its ideas. The ideas are
+    found one by one, because finding all of them may take a long time.
     """
     checks = {found.check for found in error.findings}
     if isinstance(error, LimitError) and _at_start(error):  # the client gave this start; the arm is not there
@@ -193,8 +193,8 @@ def _gap_m(robot: RobotDescription, request: MotionRequest) -> float:
 
 
 def _searching(request: MotionRequest, planner: PlannerName = PlannerName.AUTO) -> dict[str, Any]:
-    """Changes of the request for a different planner: the scaling is kept, and fields that not every planner
-    uses are removed.
+    """Changes to the request for a different planner. They keep the scaling, and remove the fields that some
+    planners do not use.
     """
     return {"planner": planner, "scaling": request.scaling, **DEFAULTS, **ANY_END}
 

@@ -71,7 +71,9 @@ def _in_phase(start: Array, goal: Array, limits: JointLimits) -> Trajectory:
 
 
 def _in_time(start: Array, goal: Array, limits: JointLimits) -> Trajectory:
-    """Move all joints in the time of the slowest one. They move in proportion if that costs no time."""
+    """Move all joints in the time that the slowest one needs, and in proportion to each other if that takes
+    no longer.
+    """
     problem = ruckig.InputParameter(limits.dof)
     problem.current_position = start.tolist()
     problem.target_position = goal.tolist()

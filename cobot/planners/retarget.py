@@ -239,7 +239,9 @@ def _tcp_speed(robot: RobotDescription, motion: Trajectory) -> float:
 
 
 def _sum(slowing: Trajectory, following: Trajectory, begun_s: float) -> Trajectory:
-    """The sum of a motion to rest and a second motion from that rest, which begins at a given time."""
+    """The superposition of a motion to rest and a second motion, which starts from that position of rest at a
+    given time.
+    """
     times = np.unique(np.concatenate([slowing.breakpoints_s, begun_s + following.breakpoints_s]))
     times = times[np.append(True, np.diff(times) > SAME_S)]
     middles = 0.5 * (times[:-1] + times[1:])

@@ -165,7 +165,7 @@ class RecordMessages:
         return str(self._store.generate_msgdef(type_, ros_version=2)[0])
 
     def of(self, records: np.ndarray, ahead_ns: int) -> dict[str, tuple[bytes, int]]:
-        """The messages of records, by topic: the bytes of all messages, and the size of one.
+        """The messages for these records, by topic: the bytes of all messages, and the size of one message.
 
         The gripper topic is only included if a record has a gripper.
 

@@ -78,7 +78,9 @@ def _chart(name: str, times_s: Array, rows: Array, top: float, span_s: float) ->
 
 
 def _modes(cycles: Cycles, span_s: float, height: float) -> list[str]:
-    """A line where the mode changes, with the name of the mode, and a tick for each intervention."""
+    """SVG elements: a line with the new mode's name at each change of the mode, and a dot for each
+    intervention.
+    """
     begun = np.flatnonzero(np.diff(cycles.modes, prepend=-1))
     parts = []
     for index in begun:

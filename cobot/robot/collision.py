@@ -141,8 +141,8 @@ class CollisionChecker:
 
     @contextmanager
     def keeping(self, least_m: float | Array) -> Iterator[Clearance]:
-        """Yield the clearance. Until the context ends, it requires `least_m` instead of the margin. `least_m`
-        is one value for all pairs, or one per pair, m.
+        """Make the clearance require `least_m` instead of the margin until the context ends, and yield the
+        clearance. `least_m` is one value for all pairs, or one per pair, m.
         """
         self.clearance.require(least_m)
         self._proven = None
@@ -190,8 +190,8 @@ class CollisionChecker:
 
     @property
     def mj(self) -> mujoco.MjModel:
-        """MuJoCo's model with the scene's objects and the tool's shapes. Each point cloud that is not
-        attached is only the box around all its voxels.
+        """MuJoCo's model with the scene's objects and the tool's shapes. An unattached point cloud is
+        represented only by the box around all its voxels.
         """
         return self._mj
 

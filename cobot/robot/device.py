@@ -149,7 +149,7 @@ WORDS = {
 
 @dataclass(frozen=True, slots=True)
 class DeviceStatus:
-    """The status of a device as it reports it. Values that it does not report are "" or None.
+    """The status that a device reports. Values that the device does not report are "" or None.
 
     Attributes:
         connection: state of the connection, for example "connected", or the state of its session.

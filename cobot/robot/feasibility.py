@@ -169,7 +169,7 @@ def keeps_effort(model: RobotModel, motion: Trajectory, limits: JointLimits, sha
 
 
 def check_efforts(model: RobotModel, trajectory: Trajectory, limits: JointLimits) -> None:
-    """Reject a motion that needs more effort than a drive has, including the load of the model.
+    """Reject a motion that needs more effort than a drive can provide. The model's load is included.
 
     Raises:
         LimitError: a drive's effort is not enough; the message names the position, the joint, the needed

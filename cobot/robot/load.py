@@ -99,7 +99,7 @@ def check_load(
 
 
 def moved(mass: float, arm: Array) -> Array:
-    """The inertia of a point mass that is away from the centre by the vector `arm`, shape (3, 3), kg·m²."""
+    """The inertia of a point mass at the offset `arm` from the centre. Shape (3, 3), in kg·m²."""
     return mass * (float(arm @ arm) * np.eye(3) - np.outer(arm, arm))
 
 
@@ -117,8 +117,8 @@ def _in_flange(each: SceneObject, pose: Pose) -> tuple[float, Array, Array]:
 
 
 def homogeneous(each: SceneObject) -> tuple[Array, Array]:
-    """Centre, shape (3,), and inertia about the centre, shape (3, 3), of a solid with uniform density, in its
-    own frame.
+    """The centre of a solid with uniform density, and its inertia about the centre, both in the solid's own
+    frame. Shapes: (3,) and (3, 3).
 
     These are the standard formulas; the round ends of a capsule are two half spheres, whose centre is 3/8 of
     the radius from their flat side.

@@ -192,8 +192,8 @@ class RobotModel:
                 yield name, index, data.xpos[index], data.xmat[index]
 
     def among(self, scene: Scene, tool: Tool | None = None, *, by_voxels: bool = False) -> mujoco.MjModel:
-        """MuJoCo's model with the scene's objects and the tool's shapes. It is only for computing distances.
-        The default of `tool` is the current tool.
+        """MuJoCo's model with the scene's objects and the tool's shapes. Use it only to compute distances.
+        `tool` defaults to the current tool.
 
         Args:
             by_voxels: see `cobot.robot.scene.compiled`.

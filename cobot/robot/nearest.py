@@ -98,8 +98,8 @@ class NearestParts:
         return _point(first), _point(second)
 
     def _find_changing(self) -> npt.NDArray[np.bool_]:
-        """Whether the distance of each pair depends on the joints: on those that move only one of its two
-        parts.
+        """Whether each pair's distance changes with the joints. Only joints that move exactly one of the
+        pair's two parts can change it.
         """
         mj, pairs = self._checker.mj, self._checker.pairs
         joints_of = [self._joints_of(body) for body in range(mj.nbody)]

@@ -252,7 +252,7 @@ def compiled(
 
 
 def clouds_in(mj: mujoco.MjModel, scene: Scene) -> dict[int, CloudTree]:
-    """The voxels of the point clouds that are not attached, by their geoms in a model that `compiled` has
+    """The voxels of the unattached point clouds, by geom. The geoms belong to a model that `compiled` has
     made with `by_voxels`.
     """
     trees = {name: each.tree for name, each in scene.objects.items() if not each.attached}

@@ -203,8 +203,8 @@ class Program:
         self._report({"event": "arrived", "motion": what, "motion_id": answer["motion_id"]})
 
     def _run_in_thread(self, work: Callable[[], Result]) -> Result:
-        """Run a function that waits for the service in a separate thread, and return its result. If the
-        program must end, the thread is abandoned.
+        """Run a function in a separate thread, because it waits for the service, and return its result. If
+        the program must end, the thread is abandoned.
 
         Raises:
             CobotError: the error of the function. Its text contains the code, because a program that catches

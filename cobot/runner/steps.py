@@ -222,7 +222,7 @@ class PalletStep(Step):
 
 
 class Recovery(RequestModel):
-    """Reaction to a failed motion, wait or device in steps."""
+    """The reaction when a motion, a wait or a device fails while steps run."""
 
     retry: int = Field(0, ge=0, le=MAX_RETRIES, description="Number of further attempts.")
     run: Block = Field(default_factory=list, description="Steps that run after each failed attempt.")

@@ -55,7 +55,9 @@ class Where:
         return replace(self, notes=(*self.notes, note), begin=begin, width=width)
 
     def with_place(self, name: str, place: PalletPlace) -> Where:
-        """A copy in which poses with this frame name are relative to a place of a pallet."""
+        """A copy for steps at a place of a pallet: poses in the frame with this name are relative to this
+        place.
+        """
         return replace(self, frames={**self.frames, name: place})
 
     def in_file(self, name: str, word: str, total: int) -> Where:

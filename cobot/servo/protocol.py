@@ -190,7 +190,8 @@ class ServoRules:
         gain: float,
         owner: str = "",
     ) -> Point:
-        """Make a checked point from numbers, without session and id. For each parameter, 0 means the default.
+        """Make a checked point from numbers. It has no session and no id. For each parameter, 0 means the
+        default.
 
         Args:
             owner: the sender, if the session accepts only points from this sender.

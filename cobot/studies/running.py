@@ -202,7 +202,7 @@ def _local_pool(workers: int, niceness: int) -> Iterator[Executor]:
 
 
 def answer_of(study: Study, columns: Columns, tasks: int) -> dict[str, Any]:
-    """The answer from the results that exist. There may be none."""
+    """The answer computed from the available results. It has only the progress if there are no results."""
     known = has_result(columns)
     answer: dict[str, Any] = {"done": len(known), "tasks": tasks}
     if not known.all():

@@ -93,7 +93,7 @@ class Study(StrictModel):
         raise NotImplementedError
 
     def answer(self, columns: Columns) -> dict[str, Any]:
-        """The answer from the results that exist, by readable names. It may be empty."""
+        """The answer computed from the available results, by readable names. It may be empty."""
         raise NotImplementedError
 
     @property

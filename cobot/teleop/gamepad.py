@@ -112,8 +112,8 @@ class Gamepad:
 
 
 def _has_events(descriptor: int) -> bool:
-    """Whether the file provides joystick events. It may be a joystick of the kernel, or a pipe from a
-    different program.
+    """Whether the file provides joystick events. It may be a kernel joystick device, or a pipe from another
+    program.
     """
     if stat.S_ISFIFO(os.fstat(descriptor).st_mode):
         return True

@@ -231,7 +231,7 @@ class GuidedByHand(Protocol):
     """
 
     def begin_guiding(self) -> None:
-        """Make the device release the arm, which is at rest, with the next `write`. Until `follow_commands`
+        """With the next `write`, make the device release the arm, which is at rest. Until `follow_commands`
         is called, each command is the measured position, which the device must not follow.
 
         Raises:
@@ -255,8 +255,8 @@ class GuidedByHand(Protocol):
 
 @runtime_checkable
 class TorqueControlled(Protocol):
-    """A backend whose drives have their own compliance and accept torques in addition to the commanded
-    position, for torque streams. An `ImpedanceControlled` backend does not need it.
+    """A backend for torque streams: its drives are compliant on their own and accept torques in addition to
+    the commanded position. An `ImpedanceControlled` backend does not need it.
     """
 
     def write_torque(self, torque: Array) -> None:

@@ -104,7 +104,7 @@ class ThreadedEnabling:
         return attempt is not None and attempt.is_switching_off
 
     def perform(self) -> None:
-        """Carry out the waiting attempt, if any, and switch the drives off after a cancelled one. If they
+        """Carry out the waiting attempt, if any, and switch the drives off after a cancelled attempt. If they
         cannot be switched off, the next call tries again. Called in the thread.
         """
         attempt = self._attempt

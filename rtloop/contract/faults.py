@@ -159,8 +159,8 @@ def _move(driver: Driver) -> None:
 
 
 def _inject_while(fault: str, cell: CheckedBackend, begin: Callable[[Driver], None], *, stays: bool) -> str:
-    """Inject a fault after `begin`, and return the reported reason. With `stays`, the fault lasts during some
-    resets.
+    """Inject a fault after `begin`, and return the reported reason. If `stays` is true, the fault lasts
+    through some resets.
     """
     with cell.drive() as driver:
         _require(driver, fault)

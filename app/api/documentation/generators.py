@@ -14,7 +14,8 @@ FORM = "Body_"
 
 
 def suit_generators(schema: dict[str, Any]) -> None:
-    """Name the forms, make request fields with a default optional, declare the token, and simplify nulls.
+    """Name the forms, make request fields optional if they have a default, declare the token, and simplify
+    nulls.
 
     TypeScript generators assume that a field with a default is always present. That is true of responses, but
     makes the field required in requests. Request fields therefore state their default only in the

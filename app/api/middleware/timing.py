@@ -23,8 +23,8 @@ CANCELLED = 499
 
 @dataclass(slots=True)
 class RouteTimes:
-    """Durations of the requests with one route, method and status: number per bucket (the last has no bound),
-    and sum.
+    """Durations of the requests with one route, method and status: the number per bucket, and the sum. The
+    last bucket has no upper bound.
     """
 
     counts: list[int] = field(default_factory=lambda: [0] * (len(BUCKETS_S) + 1))

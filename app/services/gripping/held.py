@@ -95,8 +95,8 @@ class HeldService:
         return before
 
     async def follow(self) -> None:
-        """Wait until the change of the held object is in the scene. Return at once if it is postponed until
-        the arm is at rest.
+        """Wait until the scene contains the change of the held object. Return at once if the change is
+        postponed until the arm is at rest.
 
         Without this wait, the client's next motion would be rejected, because the robot is busy with the
         change.

@@ -223,8 +223,9 @@ def work_or_explain(
     explain_s: float,
     spare_s: float,
 ) -> Result:
-    """Return the result of `work` for the request. If it fails, the error gets an explanation. The search for
-    it takes at most `explain_s`, and ends `spare_s` after the start of the work.
+    """Return the result of `work` for the request. If the work fails, an explanation is added to its error.
+    The search for the explanation takes at most `explain_s`, and ends at the latest `spare_s` after the work
+    began.
     """
     begun_s = time.monotonic()
     try:

@@ -289,8 +289,8 @@ class SceneService:
             return await self._take_over(scene)
 
     async def _take_over(self, scene: Scene) -> Changed:
-        """Apply a scene. If an object is in the current path, a path around it is searched while the scene is
-        checked and stored. The path is sent to the real-time loop once the scene is in use.
+        """Apply a scene. If an object is in the current path, a path around the object is sought while the
+        scene is checked and stored. This path is sent to the real-time loop once the scene is in use.
         """
         remaining, in_force, leading = self._find_remaining(), asyncio.Event(), None
         way = await self._seek_way(remaining, scene)
@@ -399,8 +399,8 @@ class SceneService:
         return why
 
     async def _seek_way(self, remaining: _Remaining | None, scene: Scene) -> WayAround | None:
-        """If the settings permit, let a planning process check whether an object of the next scene is in the
-        current path, and search for a path around it. Does not wait for the result.
+        """If the settings permit, have a planning process check whether an object of the next scene is in the
+        current path, and search for a path around the object. Does not wait for the result.
         """
         within_s = self._replan_within_s
         if within_s == 0.0 or remaining is None:
@@ -475,8 +475,8 @@ async def _with_room(objects: dict[str, SceneObject]) -> dict[str, SceneObject]:
 
 
 async def _is_led(leading: asyncio.Task[bool]) -> bool:
-    """Wait for the path around the object, and return whether the motion follows it. After an unexpected
-    error it does not, so that it is stopped.
+    """Wait for the path around the object, and return whether the motion follows that path. Returns False
+    after an unexpected error, so that the motion is stopped.
     """
     try:
         return await leading

@@ -85,7 +85,7 @@ class SyncService:
     def targets(
         self, robots: tuple[str, ...], joints: list[float], a: float, v: float
     ) -> dict[str, RobotTarget]:
-        """Make the targets of all robots from one list with their concatenated joint angles.
+        """Split one list of concatenated joint angles into the targets of all robots.
 
         Raises:
             InputError: the number of angles is wrong.

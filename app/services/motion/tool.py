@@ -198,7 +198,7 @@ class ToolService:
                 )
 
     def _knows(self) -> bool:
-        """Whether rtloop uses this tool with the attached objects, and this scene."""
+        """Whether rtloop already uses this scene, and this tool with the attached objects."""
         tool, scene = self._link.tool_version, self._link.scene_version
         wanted = self._robot.model.carried.version, self._scene.scene.version
         return tool is None or scene is None or (tool, scene) == wanted

@@ -108,7 +108,9 @@ class Deleted:
     others: int = 0
 
     def version_of(self, program: str) -> int:
-        """Return the version number from which a new program with this id continues."""
+        """Return the number of the last deleted version with this program id. A new program with the id
+        continues after this number.
+        """
         return self.last.get(program, self.others)
 
     def with_program(self, program: str, version: int) -> Deleted:

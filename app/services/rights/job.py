@@ -226,8 +226,8 @@ class Job:
         self.on_change(self)
 
     def its_turn(self, override: SpeedOverride, motion_id: int | None, left_s: float) -> None:
-        """Record that a motion shared by several jobs has reached this job, and the remaining time of this
-        job's part.
+        """Record that a motion shared by several jobs has reached this job, and record the remaining time of
+        this job's part.
         """
         self._part_s, self._path_time_s = left_s, 0.0
         self._override = override

@@ -21,8 +21,8 @@ class IoService:
         self._turn = asyncio.Lock()
 
     def points(self) -> tuple[str, list[IoPoint] | None]:
-        """Return the backend's name and its inputs and outputs. The latter are None if the backend cannot
-        have any.
+        """Return the backend's name, and its inputs and outputs. The inputs and outputs are None if the
+        backend cannot have any.
 
         Raises:
             UnavailableError: the inputs and outputs cannot be read.

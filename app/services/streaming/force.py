@@ -36,8 +36,8 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 @dataclass(frozen=True, slots=True)
 class ForceSettings:
-    """The settings of force control. Most consist of six values: along x, y and z with m and N, then about x,
-    y and z with rad and N·m.
+    """The settings of force control. Most settings have six values: three along x, y and z, in units of m and
+    N, then three about x, y and z, in units of rad and N·m.
 
     Attributes:
         enabled: whether force control is enabled.
@@ -188,7 +188,7 @@ class ForceService:
         self.settings = replace(self.settings, wrench=tuple(force.tolist()))
 
     def set_impedance(self, damping_ratio: list[float], stiffness: list[float]) -> None:
-        """Set the compliance of the TCP along the axes that keep their position.
+        """Set the TCP's compliance along the position-controlled axes.
 
         Args:
             damping_ratio: 6 values from 0.3 to 1. 0 means 0.7; an empty list means all defaults.

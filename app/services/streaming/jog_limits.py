@@ -188,8 +188,8 @@ class JogLimits:
 
 
 def allowed_speed(room: Array, deceleration: Array) -> Array:
-    """Return the maximum speed at which parts may approach each other at a distance `room`, m or rad; see
-    `RATE_PER_S`.
+    """Return the maximum speed at which parts may approach each other when they are `room` apart, m or rad;
+    see `RATE_PER_S`.
 
     An approach at this speed never needs more than `deceleration`, in the same unit per s².
     """

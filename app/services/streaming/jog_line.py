@@ -91,9 +91,7 @@ class JogLine:
 
 
 def _shifted(pose: Pose, way: Array, turn: Array) -> Pose:
-    """Return the pose after it has been moved by a displacement and rotated by a rotation vector, both in the
-    base frame.
-    """
+    """Return the pose, moved by a displacement and rotated by a rotation vector, both in the base frame."""
     turned = quaternion.product(quaternion.exp(turn.tolist()), pose.quaternion.tolist())
     return Pose(pose.position + way, np.array(turned, float))
 

@@ -19,8 +19,8 @@ class BufferHolder:
 
 
 class Inbound:
-    """The accounting of buffered bytes for one participant. When the limit is reached, the holder with the
-    most bytes loses them.
+    """Counts the buffered bytes of one participant. When the limit is reached, the holder with the most bytes
+    must drop them.
 
     A reliable writer sends dropped samples again.
     """

@@ -97,9 +97,7 @@ class ReaderProxy:
         return skipped + submessages.info_time(change.time_s) + body
 
     def skipped(self, sequence: int) -> bytes:
-        """A gap over the samples between the last one that was sent and this one. These samples are not for
-        this reader.
-        """
+        """A gap for samples that this reader must skip: those between the last sample sent and this one."""
         if not self.reliable or sequence <= self.sent + 1:
             return b""
         return submessages.gap(self._guid_entity, self._writer, self.sent + 1, sequence)

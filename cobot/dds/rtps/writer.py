@@ -87,8 +87,8 @@ class Writer(RtpsEndpoint[ReaderProxy]):
             return self._store(payload, inline, only=only)
 
     def write_keyed(self, payload: bytes, key: bytes, inline: bytes = b"", *, disposes: bool = False) -> int:
-        """Send a sample of a keyed topic, which replaces the previous one. For discovery, with the lock
-        held.
+        """Send a sample of a keyed topic. It replaces the previous sample with the same key. Used by
+        discovery; the caller must hold the lock.
         """
         return self._store(payload, inline, key=key, disposes=disposes)
 

@@ -141,7 +141,7 @@ class ProcessLink:
 
 
 class _Helper:
-    """One of the processes. It imports the library before it needs to connect."""
+    """A helper process. It imports the library in advance, before a connection is needed."""
 
     def __init__(self, address: str) -> None:
         self._address = address

@@ -133,7 +133,7 @@ class RosGripper:
         return RosRig(options)
 
     def connect(self) -> None:
-        """Listen to the ROS 2 driver, and wait for it briefly. Whether an object is held is remembered."""
+        """Listen to the ROS 2 driver, and wait for it briefly. What is known about a held object is kept."""
         self._link.open()
         for _ in range(LOOKS):
             if self._link.heard.problem or (self._link.heard.ready and self._link.heard.joint):

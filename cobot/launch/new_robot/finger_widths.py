@@ -172,8 +172,8 @@ class Linkage:
         return [[int(self._mj.geom(name).id) for name in each] for each in names]
 
     def _sides(self, angle: float) -> list[str] | str:
-        """The first links of the two fingers. The fingers are the branches that reach farthest; a jaw has
-        only one.
+        """The first link of each finger. The fingers are the branches that reach farthest; a hand with a
+        single jaw has only one.
         """
         self.turn(angle)
         begins = [each.body for each in self._joints if each.carrier]
@@ -194,7 +194,7 @@ class Linkage:
         return self._data.joint(next(each.name for each in self._joints if each.body == body))
 
     def _middle(self, bodies: Sequence[str]) -> Array:
-        """The point in the middle between the axes of the bodies' joints."""
+        """The point midway between the axes of the bodies' joints."""
         return np.asarray(np.mean([self._joint(body).xanchor for body in bodies], axis=0))
 
     def _tip(self, side: str) -> Array:
@@ -246,7 +246,7 @@ class Linkage:
         return float(min(mujoco.mj_geomDistance(mj, data, one, other, FAR_M, None) for one, other in pairs))
 
     def _nearest(self, groups: Sequence[Sequence[int]]) -> Array:
-        """The point in the middle between the nearest points of two groups."""
+        """The point midway between the nearest points of two groups."""
         least, found = FAR_M, np.zeros(6)
         for one in groups[0]:
             for other in groups[1]:

@@ -77,8 +77,8 @@ def _moves(body: mujoco.MjsBody | None) -> bool:
 def limits(
     file: Path, mj: mujoco.MjModel, rates: dict[str, tuple[float, float]], guessed: list[str]
 ) -> JointLimits:
-    """Limits from the model's ranges and from the velocities and efforts in the file, which are 0 if unknown.
-    An unknown effort stays 0; see `efforts`.
+    """Limits made from the model's ranges and from the velocities and efforts in the file, where 0 means
+    unknown. An unknown effort stays 0; see `efforts`.
 
     Raises:
         ConfigError: a linear joint has no range.

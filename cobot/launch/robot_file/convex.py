@@ -96,7 +96,7 @@ def _with_thickness(corners: Array) -> Array:
 
 
 def _void(vertices: Array, triangles: Indices, hull: trimesh.Trimesh, size_m: float) -> float:
-    """The greatest distance from the mesh and its interior to a point in the hull, m. The result is accurate
+    """The greatest distance of a point in the hull from the mesh and its interior, m. The result is accurate
     to one cell.
     """
     low = vertices[triangles].min(axis=(0, 1))

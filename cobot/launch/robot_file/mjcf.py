@@ -84,7 +84,7 @@ def mjcf_rates(spec: mujoco.MjSpec) -> dict[str, tuple[float, float]]:
 
 def add_motor(spec: mujoco.MjSpec, joint: str) -> None:
     """Add a motor of gear 1 for a joint. The file's defaults for actuators are not used, because they would
-    limit or multiply its torque.
+    limit or scale the motor's torque.
     """
     motor = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
     motor.set_to_motor()

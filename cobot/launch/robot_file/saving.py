@@ -52,7 +52,7 @@ def save(spec: mujoco.MjSpec, folder: Path) -> None:
 
 
 def _refine(element: Element, compiled: object, fields: dict[str, str]) -> None:
-    """Replace rounded numbers with the same numbers with all digits."""
+    """Replace rounded numbers with the same numbers at full precision."""
     for attribute, field_name in fields.items():
         if (text := element.get(attribute)) is not None:
             rounded, exact = np.array(text.split(), dtype=float), np.ravel(getattr(compiled, field_name))

@@ -117,8 +117,8 @@ class Telescope:
 
 
 def find_telescopes(spec: mujoco.MjSpec, chain: Sequence[MovingJoint]) -> list[Telescope]:
-    """The telescopes in a chain of joints. A joint that follows another joint in any other way is not part of
-    a telescope.
+    """The telescopes in a chain of joints. The joints of a telescope directly follow each other in the chain,
+    and all move with the first one.
     """
     found = []
     for index, node in enumerate(chain):

@@ -183,7 +183,7 @@ class JointTree:
         return path[:cut] or path
 
     def linkages(self, chain: list[MovingJoint]) -> list[MovingJoint]:
-        """The first joints of those branches of a chain that follow the chain's joints or close a loop."""
+        """The first joint of each branch that follows the joints of a chain or closes a loop."""
         on_chain = {node.name for node in chain}
         followers = {node.name for node in self.nodes.values() if self._follows(node, on_chain)}
         return [
@@ -230,7 +230,7 @@ def moved_by_loop(
 
 
 def rigid_with(body: mujoco.MjsBody) -> list[mujoco.MjsBody]:
-    """The body, and those bodies below it that no joint moves relative to it, in file order."""
+    """The body and all its descendants that no joint moves relative to it, in file order."""
     found, pending = [], [body]
     while pending:
         found.append(each := pending.pop())

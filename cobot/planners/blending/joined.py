@@ -166,8 +166,8 @@ def _corner(
     free: tuple[float, float],
     helds: tuple[Held | None, Held | None],
 ) -> Corner | None:
-    """The largest blend of `SHARES` that is within the radius and the limits, is free of collisions and keeps
-    the constraints.
+    """The largest blend from `SHARES` that is within the radius and the limits, is collision-free and
+    satisfies the constraints.
 
     The first half of the blend keeps the constraints of the first motion, and the second half keeps those of
     the second motion.

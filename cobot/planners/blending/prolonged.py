@@ -35,7 +35,7 @@ depend on them.
 
 
 def begin_stretch(robot: RobotDescription, legs: Sequence[Leg], radii_m: Sequence[float]) -> Stretch:
-    """Join motions from rest; the arm stops where the radius is 0 or blending is impossible.
+    """Join motions, beginning at rest. The arm stops where the radius is 0 or blending is impossible.
 
     Args:
         legs: each begins where the previous one ends.

@@ -94,8 +94,8 @@ def _other_end_error(
 
 
 def share_along(robot: RobotDescription, start: Array, path: TcpPath) -> float:
-    """The share of a path up to which the joints continue from `start` to each evenly spaced point without a
-    collision at this point. This is a quick estimate, not a proof.
+    """How far along a path, as a share, the joints can continue from `start` through evenly spaced points
+    without a collision at any of them. This is a quick estimate, not a proof.
     """
     free = robot.collision.clearance.are_free(_carried(robot, start, path))
     return float(np.logical_and.accumulate(free).sum()) / path.places
@@ -124,7 +124,9 @@ def _carried(robot: RobotDescription, start: Array, path: TcpPath) -> Array:
 
 
 def joints_at(robot: RobotDescription, path: TcpPath) -> JointsAt:
-    """Return a function that solves the joint positions at a share of the path, starting from nearby ones."""
+    """Return a function that solves for the joint positions at a share of the path, starting from nearby
+    positions.
+    """
     descend = robot.model.kinematics(path.free).descend
 
     def at(share: float, near: Array) -> Array | None:
@@ -170,8 +172,8 @@ def _chain(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Array,
 
 
 def _farthest(descend: Callable[..., Any], poses: dict[float, Array], near: Array) -> float:
-    """The share of the path at which an arm with few joints stays farthest from these poses, relative to the
-    tolerance of lin.
+    """The share of the path at which an arm with few joints misses the pose by the most, relative to lin's
+    tolerance.
     """
 
     def excess(share: float) -> float:

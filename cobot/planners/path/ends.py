@@ -41,7 +41,8 @@ def reachable(robot: RobotDescription, request: MotionRequest, before: Pose, goa
 
 
 def end_of(robot: RobotDescription, request: MotionRequest, goal: Pose) -> tuple[Pose, Array | None]:
-    """The end of a path to this pose, and the joints there, shape (dof,); None if any are allowed.
+    """The end of a path to this pose, and the required joint positions there, shape (dof,). They are None if
+    any joint positions are allowed.
 
     The path ends exactly at the TCP pose for these joints.
 

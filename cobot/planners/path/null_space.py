@@ -135,8 +135,8 @@ class Particles:
     def _step(
         self, rows: Array, costs: Array, pose: Array, left: int
     ) -> tuple[Array, Array, npt.NDArray[np.intp]]:
-        """The configurations at the next place that routes reach, the costs of these routes, and the index in
-        `rows` from which each route comes.
+        """The configurations that routes reach at the next place, the cost of each route, and the index in
+        `rows` of the configuration that the route comes from.
         """
         found = self._around(rows, costs, pose, left)
         weights = 1.0 / self._robot.limits.max_velocity
@@ -145,8 +145,8 @@ class Particles:
         return found[reached], total[reached], parent[reached]
 
     def _around(self, rows: Array, costs: Array, pose: Array, left: int) -> Array:
-        """Collision-free configurations at a pose, drawn near `rows`. More of them are near rows with a low
-        cost.
+        """Random collision-free configurations at a pose, near `rows`. Rows with a lower cost get more of
+        them.
 
         If the end is given, every second configuration is moved towards it, by one of the `left` remaining
         steps.

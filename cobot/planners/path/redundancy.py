@@ -153,7 +153,7 @@ class RedundancyGraph:
         self.reached = 0.0
 
     def profiles(self) -> Iterator[Profile]:
-        """The profiles of the cheapest route in each branch at the start, smoothest first, and then those of
+        """The profiles of routes: first the cheapest route of each branch at the start, smoothest first, then
         the cheapest route through collision-free nodes.
         """
         from scipy.interpolate import BSpline

@@ -118,7 +118,7 @@ class _Steps:
         self.trees: tuple[_Tree, _Tree]
 
     def paths(self, start: Array, goals: Array) -> list[list[Array]]:
-        """Several paths. There are fewer if the first ones needed many checks."""
+        """Several paths; fewer if the first ones needed many checks."""
         begun = self._clearance.evaluations
         found: list[list[Array]] = []
         while len(found) < SEARCHES and (way := self._connect(start, goals)):

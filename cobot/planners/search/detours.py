@@ -71,7 +71,7 @@ def without_detours(
 def _draw(
     way: Array, goals: Array, bounds: tuple[Array, Array], spread_rad: float, random: np.random.Generator
 ) -> Array:
-    """Configurations around a path through which a shorter path may pass, shape (n, dof)."""
+    """Random configurations near a path, shape (n, dof). A shorter path may lead through them."""
     places = divide(way, FINE_RAD)
     drawn = places[random.integers(len(places), size=DRAWS)]
     drawn = np.clip(drawn + spread_rad * random.normal(size=drawn.shape), *bounds)

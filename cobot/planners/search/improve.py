@@ -143,7 +143,9 @@ def _go_directly(robot: RobotDescription, request: MotionRequest, state: Improvi
 def _another_way(
     robot: RobotDescription, request: MotionRequest, state: Improving, number: int
 ) -> Trajectory | None:
-    """A motion that takes a different path around the obstacles, no longer than the best motion."""
+    """A motion that takes a different path around the obstacles. The path is at most as long as the best
+    motion's path.
+    """
     limits, start = robot.limits, request.start
     longest_rad = length(_sampled(state.best))
     goals = state.goals[np.linalg.norm(state.goals - start, axis=1) <= longest_rad]
@@ -162,7 +164,7 @@ def _another_way(
 def _change(
     robot: RobotDescription, request: MotionRequest, state: Improving, random: np.random.Generator
 ) -> Improving:
-    """The state after a try with a changed curve near that of the best motion."""
+    """The state after trying a changed curve close to the curve of the best motion."""
     change, plain = state.change, state.tries % SEARCH_EVERY == 1
     if change is None and not plain:
         change = state.step_rad * random.choice(SHARES) * _wave(state, random)

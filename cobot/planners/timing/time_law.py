@@ -144,7 +144,7 @@ def _reference(coordinates: Coordinates) -> tuple[Array, Array, Array, Array]:
 def _solve_laws(
     robot: RobotDescription, coordinates: Coordinates, laws: Iterator[tuple[Array, Array]]
 ) -> Timed:
-    """The fastest motion, starting from the first of these timings. If its cells are too coarse, the next
+    """The fastest motion, optimised from the first of these timings. If its cells are too coarse, the next
     timing, which has more cells, is used.
     """
     limits = coordinates.limits
@@ -231,7 +231,9 @@ class _Problem:
         self._tightened = self._shares[1:].copy()
 
     def refine(self, best: _Law) -> _Law:
-        """Solve again, with tighter limits where extrema exceed them, until this gains nothing."""
+        """Solve repeatedly, with tighter limits where extrema exceed the limits. Returns the fastest motion
+        found.
+        """
         for _ in range(min(ROUNDS + self._coordinates.zones - 1, MAX_ROUNDS)):
             if best.stretched <= TIGHT:
                 break
@@ -241,8 +243,8 @@ class _Problem:
         return best
 
     def solve(self) -> _Law:
-        """The fastest motion within the limits at the checked points, stretched to meet them
-        everywhere.
+        """The fastest motion within the limits at the checked points, slowed down until it is within the
+        limits everywhere.
         """
         if self._bounded:
             for stations, bounds in zip(self._bounded, self._bounds(), strict=True):

@@ -191,7 +191,7 @@ class _Fitting:
         return np.interp(step_s * np.arange(-1.0, steps + AT_REST - 1), clock_s, grid_s), step_s
 
     def _first_slowness(self, grid_s: Array) -> Array:
-        """The slowness that the velocity and acceleration limits need, computed without noise."""
+        """The slowness that the velocity and acceleration limits require, computed without noise."""
         from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
         velocity = self._curve.towards(grid_s)

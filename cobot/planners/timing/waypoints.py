@@ -110,7 +110,7 @@ def _within_limits(course: WaypointCourse, limits: JointLimits, request: Waypoin
 def _within_efforts(
     robot: RobotDescription, motion: Trajectory, asked_s: float, request: WaypointRequest
 ) -> Trajectory:
-    """The motion if the drives suffice for it, otherwise the motion slowed down evenly.
+    """The motion, slowed down evenly if the drives are too weak for it.
 
     Raises:
         LimitError: slowing down does not help, or takes longer than the request permits.
@@ -168,7 +168,9 @@ def _follow(
     longest_s: float,
     excess: LimitError,
 ) -> Trajectory:
-    """The requested motion within a corridor, or the cleaned one slowed down evenly, whichever is shorter."""
+    """The shorter of two motions: the requested motion within a corridor, or the cleaned motion, slowed down
+    evenly.
+    """
     inside = in_range(cleaned, limits)  # slowing down cannot bring a joint back into its range
     even = _slow_evenly(cleaned, limits) if asked.segments <= FEW else None
     if even is not None and inside and even.duration_s <= AS_ASKED * asked.duration_s:

@@ -115,7 +115,7 @@ def geometry_version(robot: RobotDescription) -> Version:
 
 
 def geometry_of(robot: RobotDescription) -> Geometry:
-    """The robot's geometry as streams check it, and the visual geometry."""
+    """The robot's geometry that streams use for collision checks, and the visual geometry."""
     mj = robot.collision.mj_in_boxes
     tcp = robot.model.mj.site(robot.model.tcp_site)
     return Geometry(

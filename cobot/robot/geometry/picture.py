@@ -161,7 +161,7 @@ def _bodies(robot: RobotDescription, positions: Array) -> Iterator[Facets]:
 
 
 def _size_of(visuals: RobotVisuals) -> int:
-    """The size of all meshes, in bytes. A file that is missing is reported when it is read."""
+    """The total size of all meshes, in bytes. Missing files are reported later, when they are read."""
     return sum(file.stat().st_size for file in visuals.meshes.values() if file.is_file())
 
 
@@ -238,7 +238,7 @@ def _camera(view: PictureView) -> tuple[Array, Array, Array]:
 
 
 def _colour_pixels(image: Array, points: Array, colors: Array, width: int, height: int) -> None:
-    """Colour each pixel like the nearest of the points that are drawn at this pixel."""
+    """Give each pixel the colour of the nearest point that is drawn there."""
     edges = np.abs(points[..., :2] - np.roll(points[..., :2], 1, axis=1)).max((1, 2))
     steps = STEPS[np.minimum(np.searchsorted(STEPS, edges), len(STEPS) - 1)]
     depth = np.full(width * height, -np.inf, np.float32)

@@ -67,7 +67,9 @@ def cloud(points: Array, voxel_m: float) -> Array:
 
 
 def coarser(fits: Callable[[float], bool], edge_m: float) -> str:
-    """A sentence with the smallest edge length found that fits. The search doubles the edge, then bisects."""
+    """A sentence that states the smallest suitable edge length. The search doubles the length until it fits,
+    then bisects.
+    """
     low_m = high_m = edge_m
     while not fits(high_m := _rounded_up(2.0 * high_m)):
         low_m = high_m

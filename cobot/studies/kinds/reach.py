@@ -200,8 +200,8 @@ class ReachKernel:
         return self.same
 
     def _solutions(self, pose: Array, task: int, grid: Array | None, index: int) -> tuple[Array, Indices]:
-        """Joints at a pose, shape (n, dof): the best joints of each branch, and those on the grid of arm
-        angles.
+        """Joint positions for a pose, shape (n, dof): the best solution of each branch, and the solutions on
+        the grid of arm angles.
 
         Also returns, for each of them, the number of its arm angle on the grid, or -1.
         """

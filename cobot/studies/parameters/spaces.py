@@ -73,7 +73,9 @@ class Axis(StrictModel):
         return [float(value) for value in np.linspace(self.low, self.high, self.count)]
 
     def at(self, shares: Array) -> Array:
-        """The values of a random parameter, shape (n,), by the inverse of its distribution function."""
+        """The values of a random parameter, calculated with the inverse of its distribution function. Shape:
+        (n,).
+        """
         if self.uniform is not None:
             low, high = self.uniform
             return low + (high - low) * shares

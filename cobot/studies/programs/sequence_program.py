@@ -47,7 +47,7 @@ class SequenceProgram(StrictModel):
 
 
 def with_programs(document: dict[str, Any], folder: Path, name: str) -> dict[str, Any]:
-    """A study's document in which the motions of sequence files replace the names of these files.
+    """A study's document in which the names of sequence files are replaced by the motions in these files.
 
     The results of a study then do not depend on these files, and workers do not need them.
 

@@ -235,7 +235,7 @@ class FrankaBackend:
         yield False
 
     def _tell_tool(self) -> None:
-        """Send the load in the flange frame, without the end effector, which is set in Desk."""
+        """Send the load in the flange frame. The end effector is not included, because it is set in Desk."""
         tool = self._tool
         inertia = tool.inertia_matrix.ravel(order="F").tolist()
         self._link.robot.set_load(tool.mass, list(tool.centre), inertia)
@@ -264,8 +264,8 @@ class FrankaBackend:
 
     @contextlib.contextmanager
     def _pause(self) -> Iterator[None]:
-        """Context that interrupts the control for settings that the robot accepts only while it is not
-        controlled.
+        """Context manager that interrupts control of the robot, because the robot accepts some settings only
+        while it is not controlled.
 
         Raises:
             BackendError: the arm is moving, or the robot rejects the settings.

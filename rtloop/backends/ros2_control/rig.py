@@ -25,8 +25,8 @@ STOPS = {"e_stop": "the emergency stop is pressed", "protective_stop": "the forc
 
 class Ros2ControlRig:
     """A `ContractRig` for whole motions. A stop of the robot aborts the goal and deactivates the controller,
-    as drivers do. There are no faults of the operation mode and of single packets: ROS reports no operation
-    mode, and lost packets do not affect a controller that already has a motion.
+    as drivers do. The rig has no operation-mode faults, because ROS reports no operation mode, and no
+    single-packet faults, because lost packets do not affect a controller that already has a motion.
     """
 
     faults = frozenset({"disconnect", "frozen", "nan", *STOPS})

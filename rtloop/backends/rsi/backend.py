@@ -401,8 +401,8 @@ class RsiBackend:
             )
 
     def _find_loss(self, state: RobState, unanswered: int) -> bool:
-        """Whether the controller has missed an answer. If it has, its count of late answers has increased by
-        more than the number of packets without an answer.
+        """Whether the controller has missed an answer: its count of late answers has then increased by more
+        than the number of unanswered packets.
 
         Args:
             unanswered: number of packets without an answer since the previously received one.

@@ -237,7 +237,7 @@ class MovePlanner:
             job.follow_signals(lambda: move.signals.results)
 
     async def valid(self, chain: Sequence[QueuedMove]) -> list[QueuedMove]:
-        """Return the first moves of a chain, up to the first one that has become impossible since it was
+        """Return the moves of a chain before the first one that has become impossible since the chain was
         planned.
 
         Raises:

@@ -38,7 +38,7 @@ def controller_for(
 
 
 def with_options(settings: Settings, **options: Any) -> Settings:
-    """Return the settings with additional options of the backend."""
+    """Return the settings with additional backend options."""
     backend = settings.robot.backend
     backend = backend.model_copy(update={"type": "rsi", "options": {**backend.options, **options}})
     return settings.model_copy(update={"robot": settings.robot.model_copy(update={"backend": backend})})

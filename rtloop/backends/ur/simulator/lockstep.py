@@ -229,7 +229,9 @@ class _ProgramSide:
 
 
 class _Later:
-    """The `UrTransport` for a controller that is made before its lock step is complete."""
+    """A `UrTransport` that forwards to a lock step. The controller can use it before the lock step is
+    complete.
+    """
 
     def __init__(self, lock_step: UrLockStep) -> None:
         self._lock_step = lock_step
