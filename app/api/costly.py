@@ -27,7 +27,7 @@ class Costly:
 
     @asynccontextmanager
     async def turn(self) -> AsyncIterator[None]:
-        """Context in which one costly answer is computed."""
+        """Context manager that waits its turn, because only one costly answer is computed at a time."""
         await self._one.acquire()
         begun_s = time.perf_counter()
         try:

@@ -62,7 +62,7 @@ class Client(ForceMoves, Steps, EventConnection):
         return self._json("GET", "/robot/joint_states")
 
     def pose(self) -> Json:
-        """The TCP: `position` (m), `orientation`, `frame_id`."""
+        """The TCP pose: `position` (m), `orientation`, `frame_id`."""
         return self._json("GET", "/robot/pose")
 
     def state(self) -> Json:

@@ -75,7 +75,7 @@ class GripperReading:
 
 @dataclass(frozen=True, slots=True)
 class JointState:
-    """Joint positions, rad, velocities, rad/s, torques and external torques, N·m; see `RobotStates`."""
+    """Joint positions (rad), velocities (rad/s), torques and external torques (N·m); see `RobotStates`."""
 
     q: Values
     dq: Values

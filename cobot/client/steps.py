@@ -60,7 +60,7 @@ def wait_until(
     clock: Clock = SYSTEM,
     paused_s: Callable[[], float] = lambda: 0.0,
 ) -> float:
-    """Wait until a condition holds. Returns the time that it took, s.
+    """Wait until a condition holds. Returns the waiting time, s.
 
     Args:
         read: reads the inputs.

@@ -53,7 +53,7 @@ class Bar:
 
     @contextmanager
     def showing(self, what: str) -> Iterator[Bar]:
-        """A context that shows the bar, and removes it at the end."""
+        """Context manager that shows the bar, and removes it at the end."""
         self._start_s = time.monotonic()
         self.update(0.0, 0.0, what)
         try:

@@ -104,7 +104,7 @@ class ActionClient:
             self._tell("error", number=number, text=plain_text(exc, 300))
 
     async def _cancel(self, number: int) -> None:
-        """Cancel the last accepted goal. If a goal is waiting for its answer, wait until it is accepted."""
+        """Cancel the last accepted goal. If a goal has not been answered yet, wait until it is accepted."""
         self._cancelled = number
         async with self._turn:
             goal_id = self._running

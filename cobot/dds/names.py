@@ -31,7 +31,7 @@ def type_name(type_: str) -> str:
 
 
 def type_hash(rihs: str) -> bytes:
-    """A topic endpoint's user data for ROS 2 Iron and later. Humble ignores it."""
+    """The user data of a topic endpoint for ROS 2 Iron and later. Humble ignores the data."""
     return TYPE_HASH + f"{rihs};".encode()
 
 

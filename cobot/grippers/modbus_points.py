@@ -83,7 +83,7 @@ class ModbusPoints:
 
 
 def port_of(modbus: ModbusOptions | None, port: IoPort) -> IoPort:
-    """The points of the Modbus device. Without a device, the points of the robot."""
+    """The points of the Modbus device, or the robot's points if there is no device."""
     return port if modbus is None else ModbusPoints(modbus)
 
 

@@ -36,7 +36,7 @@ s.
 
 @dataclass(frozen=True, slots=True)
 class StopRequest:
-    """A stop that has been requested from rtloop.
+    """A stop that rtloop has been asked to make.
 
     Attributes:
         count: the counter that rtloop reports once it has noticed the stop.

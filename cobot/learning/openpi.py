@@ -153,8 +153,8 @@ class PolicyConnection:
 
     @contextlib.contextmanager
     def _close_on_error(self) -> Iterator[None]:
-        """A context that closes the connection if an exchange is incomplete, even after Ctrl-C. Otherwise the
-        remaining part could be mistaken for a later answer.
+        """Context manager that closes the connection if an exchange is incomplete, even after Ctrl-C.
+        Otherwise the remaining part could be mistaken for a later answer.
         """
         try:
             yield

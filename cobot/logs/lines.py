@@ -52,7 +52,7 @@ def bind(**ids: object) -> None:
 
 @contextmanager
 def add_ids(**ids: object) -> Iterator[None]:
-    """A context in which ids are added to the log lines of this task."""
+    """Context manager that adds ids to the log lines of this task."""
     before = log_context.get()
     bind(**ids)
     try:

@@ -114,7 +114,7 @@ class SupervisorLosses:
 
 @contextmanager
 def supervising(settings: LoggingSection, path: Path) -> Iterator[SupervisorLog]:
-    """A context in which the supervisor's log is installed.
+    """Context manager that installs the supervisor's log.
 
     Raises:
         ConfigError: the log file cannot be written.

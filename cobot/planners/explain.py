@@ -67,7 +67,7 @@ class Idea:
 def explain(
     robot: RobotDescription, request: MotionRequest, error: CobotError, budget_s: float
 ) -> Explanation:
-    """Find changes of the request with which a motion that failed with `error` becomes possible.
+    """Find changes to the request that would make its motion possible. The motion has failed with `error`.
 
     Args:
         budget_s: no idea is started after this time; the current one is completed.

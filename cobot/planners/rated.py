@@ -82,7 +82,7 @@ def with_envelope(robot: RobotDescription, envelope: Envelope) -> RobotDescripti
 
 
 def slowed_joints(limits: JointLimits, velocity: float, acceleration: float) -> JointLimits:
-    """Limit each joint to `velocity`, rad/s, and `acceleration`, rad/s²; the jerk is reduced in
+    """Limit each joint to `velocity` (rad/s) and `acceleration` (rad/s²), and reduce the jerk in
     proportion.
     """
     share = np.minimum(1.0, acceleration / limits.max_acceleration)

@@ -305,7 +305,7 @@ class RobotRecorder:
         self._status["part"] = part
 
     def _end(self, writing: Writing, *, stays: bool = False) -> None:
-        """Finish a file. With `stays`, the next recorder continues the continuous recording."""
+        """Finish a file. If `stays` is true, the next recorder continues the continuous recording."""
         self._writings.remove(writing)
         empty = writing.file.cycles == 0
         try:

@@ -60,7 +60,7 @@ def check_limits(
     labels: Sequence[str] | None = None,
     tolerance: float = RELATIVE_TOLERANCE,
 ) -> None:
-    """Reject a trajectory whose true extrema exceed the limits.
+    """Reject a trajectory if its exact extrema exceed the limits.
 
     Args:
         labels: the caller's names of the breakpoints, for the message.

@@ -62,7 +62,7 @@ class HoldingEffort:
         )
 
     def placed(self) -> str:
-        """The effort as text, with the posture."""
+        """The effort and the posture as text."""
         return f"at joints {np.round(self.posture, 2).tolist()} {self}"
 
 

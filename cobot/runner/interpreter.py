@@ -176,8 +176,8 @@ class Interpreter:
 
     @contextlib.contextmanager
     def _report_motion(self, text: str, here: Where, content: dict[str, Any]) -> Iterator[dict[str, Any]]:
-        """A context for a motion. The start and the end of the motion are reported, and the place is added to
-        its error.
+        """Context manager for a motion. It reports the motion's start and end, and adds the location to any
+        error raised.
         """
         self._log(f"{text}: start")
         event = {**self._place, "step": str(here), **content}

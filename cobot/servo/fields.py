@@ -14,7 +14,7 @@ MAX_INTEGER = 2**63 - 1
 
 
 class Refusal(StrEnum):
-    """The reason why a message was dropped. The values are sent in the feedback."""
+    """The reason why a message was dropped. The feedback contains these values."""
 
     MALFORMED = "malformed"  # not a JSON object, or too long
     TYPE = "type"  # an unknown `type`

@@ -191,8 +191,8 @@ def run_study(
 
 @contextmanager
 def _local_pool(workers: int, niceness: int) -> Iterator[Executor]:
-    """A context with a pool of processes. When it ends, running calls are ended, because their results would
-    be lost.
+    """Context manager that provides a pool of processes. When the context ends, running calls are ended,
+    because their results would be lost.
     """
     pool = LocalPool(workers, niceness)
     try:

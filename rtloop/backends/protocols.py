@@ -439,8 +439,8 @@ class TrajectoryDevice(Protocol):
         ...
 
     def progress(self) -> float:
-        """Return how much of the motion has been executed, in motion time, s. On arrival this is the last
-        value of `times_s`. If the device slows down, the progress advances more slowly than a clock.
+        """Return the executed part of the motion, in motion time, s. On arrival, it is the last value of
+        `times_s`. If the device slows down, the progress advances more slowly than a clock.
         """
         ...
 

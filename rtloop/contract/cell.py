@@ -35,7 +35,7 @@ class CheckedBackend:
 
     @contextmanager
     def drive(self) -> Iterator[Driver]:
-        """Context in which the backend and its device are open, initially with the arm at rest."""
+        """Context manager that opens the backend and its device. The arm is initially at rest."""
         with self.make_driver() as driver:
             driver.start()
             driver.until(

@@ -30,8 +30,8 @@ log = logging.getLogger("cobot.sync")
 
 @dataclass(frozen=True, slots=True)
 class RobotTarget:
-    """The target of one robot, rad, and the velocity and acceleration limits of its fastest joint, rad/s and
-    rad/s².
+    """The target of one robot (rad), and the limits of its fastest joint: velocity (rad/s) and acceleration
+    (rad/s²).
 
     Attributes:
         stops: `RobotLink.stops` of this robot at the time of the request. If it has changed since, the motion

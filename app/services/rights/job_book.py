@@ -132,7 +132,7 @@ class JobBook:
                 self._publish(job.record())
 
     def close(self) -> None:
-        """Write the pending lines, as far as the disk permits."""
+        """Write the pending lines. Lines that the disk does not accept in time are lost."""
         if self._outlet is not None and self._file is not None and self._outlet.close(END_S):
             self._file.close()
 

@@ -44,7 +44,9 @@ class PointInverse:
         self._before = None
 
     def accept(self, joints: Sequence[float]) -> None:
-        """Record the accepted joint angles, rad, shape (dof,). The next point continues from them."""
+        """Record the joint angles, rad, of an accepted point, shape (dof,). The next point continues from
+        them.
+        """
         self._before = np.array(joints)
 
     def joints(self, point: Point) -> Sequence[float]:

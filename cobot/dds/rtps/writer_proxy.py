@@ -195,7 +195,7 @@ class WriterProxy(BufferHolder):
         ]
 
     def acknowledgement(self) -> bytes:
-        """An acknowledgement with the numbers that have arrived and those that are missing."""
+        """An acknowledgement that lists which sample numbers have arrived and which are missing."""
         base = self.next
         self._acknowledgements += 1
         body = submessages.acknowledgement(

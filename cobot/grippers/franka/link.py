@@ -21,7 +21,7 @@ READ_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class HandReading:
-    """A reading of the hand, m and °C, and the age of the reading, s."""
+    """A reading of the hand (in m and °C), and the age of the reading in s."""
 
     width: float
     max_width: float

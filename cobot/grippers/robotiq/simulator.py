@@ -128,7 +128,7 @@ class Simulator:
 
 @contextlib.contextmanager
 def run_simulator(model: str = "2f85", **how: object) -> Iterator[Simulator]:
-    """A context that provides a simulated gripper until it ends."""
+    """Context manager that provides a simulated gripper until it ends."""
     made = Simulator(model, **how)  # type: ignore[arg-type]
     try:
         yield made

@@ -362,7 +362,7 @@ class NewRobot:
 
     @contextmanager
     def _errors_name_file(self, folder: Path) -> Iterator[None]:
-        """A context in which errors name the user's file instead of the folder under construction."""
+        """Context manager that makes errors name the user's file instead of the folder under construction."""
         try:
             yield
         except ConfigError as exc:

@@ -59,7 +59,9 @@ def _packages_below(folder: Path) -> Iterator[Path]:
 
 
 def _name(folder: Path) -> str:
-    """Name of the package in a folder: the name in its manifest, or without a manifest the folder name."""
+    """Name of the package in a folder: the name in its manifest, or the folder name if there is no
+    manifest.
+    """
     try:
         found = ElementTree.parse(folder / MANIFEST).getroot().findtext("name")
     except (OSError, ElementTree.ParseError):

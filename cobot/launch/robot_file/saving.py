@@ -17,7 +17,7 @@ EXACT = {
     "site": {"pos": "pos", "quat": "quat"},
 }
 INERTIAL = {"pos": "ipos", "quat": "iquat", "mass": "mass", "diaginertia": "inertia"}
-"""Attributes that are written to model.xml with all digits, and the names of their fields in MuJoCo."""
+"""Attributes that are written to model.xml at full precision, and the names of their fields in MuJoCo."""
 
 
 def compiled(file: Path, spec: mujoco.MjSpec) -> mujoco.MjModel:

@@ -106,7 +106,7 @@ class Telescope:
         return min(velocities, default=0.0) * self.travel, effort / self.travel
 
     def _ranges(self) -> list[tuple[float, float]]:
-        """Ranges for the first joint. There is one range for each joint that has limits."""
+        """Ranges for the first joint, one from each joint that has limits."""
         joint = self.first.joint
         found = [tuple(joint.range)] if has_bounds(joint.limited, joint.range) else []
         for node, (start, slope) in zip(self.others, self.lines, strict=True):

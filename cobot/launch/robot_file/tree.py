@@ -44,7 +44,7 @@ class MovingJoint:
     polynomial: tuple[float, ...] = ()
 
     def reference(self, degrees: bool) -> float:
-        """Position of the joint when its body is placed as in the file, rad or m.
+        """Position of the joint, rad or m, when its body has the pose that the file gives.
 
         Args:
             degrees: whether the angles in the specification are in degrees.

@@ -31,7 +31,7 @@ log = logging.getLogger("cobot")
 
 @contextmanager
 def locking_kept_files(settings: Settings) -> Iterator[None]:
-    """A context that holds the locks until it ends.
+    """Context manager that holds the locks until it ends.
 
     Raises:
         ConflictError: another process is holding one of the locks; the message names the file and the

@@ -137,7 +137,7 @@ def joints_at(robot: RobotDescription, path: TcpPath) -> JointsAt:
 
 
 def _chain(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Array, Array]:
-    """Shares of the path, and the joints at these shares, solved in turn."""
+    """Shares of the path, and the joint positions at these shares. Each is solved from the one before it."""
     arm = robot.model.kinematics(path.free)
     descend = partial(arm.descend, steps=STEPS, share=POSE_SHARE)
     even = np.linspace(0.0, 1.0, path.places + 1)

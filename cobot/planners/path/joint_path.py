@@ -190,7 +190,7 @@ def _thin(shares: Array, rows: Array) -> tuple[Array, Array]:
 def _halve(
     path: TcpPath, shares: Array, rows: Array, which: Array, joints_at: JointsAt
 ) -> tuple[Array, Array]:
-    """Add a point in the middle of the intervals that `which` selects, a mask of shape (n - 1,)."""
+    """Add a point in the middle of each interval that the mask `which`, shape (n - 1,), selects."""
     chosen = np.flatnonzero(which)
     if len(rows) + len(chosen) > MAX_PLACES:
         raise _inaccurate(path)

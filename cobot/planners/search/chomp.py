@@ -189,7 +189,7 @@ def _sample(corners: Array) -> Array:
 
 
 def _double(points: Array) -> Array:
-    """The same polyline with a point added between any two neighbours."""
+    """The same polyline with a point added between each pair of neighbours."""
     out = np.empty((2 * len(points) - 1, points.shape[1]))
     out[::2], out[1::2] = points, 0.5 * (points[:-1] + points[1:])
     return out

@@ -45,7 +45,7 @@ class WaypointCourse:
     changes: Changes = UNCHANGED
 
     def motion(self) -> Trajectory:
-        """The curve through the points, with a quintic between any two neighbours."""
+        """The curve through the points, with a quintic between each pair of neighbours."""
         from scipy.interpolate import CubicSpline
 
         spline = CubicSpline(self.times_s, self.positions, bc_type="clamped")

@@ -146,7 +146,9 @@ def _excess(motion: Trajectory, limits: JointLimits, labels: list[str] | None) -
 
 
 def _without_rounding(course: WaypointCourse, motion: Trajectory) -> Trajectory | None:
-    """The motion through the points without their rounding; None if the rounding is not recognisable."""
+    """The motion through the points after their rounding errors are removed; None if no rounding is
+    recognisable.
+    """
     found = smoothed(course.times_s, course.positions)
     if found is None:
         return None

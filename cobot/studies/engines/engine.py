@@ -31,7 +31,7 @@ class StudyEngine:
 
 @contextmanager
 def engine(name: str, workers: int | None, niceness: int) -> Iterator[StudyEngine]:
-    """A context with the engine of this name: local or dask://HOST:PORT.
+    """Context manager that provides the engine with this name: local or dask://HOST:PORT.
 
     Args:
         workers: number of processes on this computer; None means one per core. Dask determines its own

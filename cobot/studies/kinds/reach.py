@@ -119,7 +119,9 @@ class ReachStudy(Study):
         return answer
 
     def _nearest(self, columns: Columns) -> dict[str, Any]:
-        """A sentence about a space in which no place is reached."""
+        """A sentence for a space in which the arm reaches no place. It names the place closest to the arm's
+        reach.
+        """
         gaps = np.asarray(columns["gap_m"], dtype=float)
         nearest = int(np.nanargmin(gaps)) if np.isfinite(gaps).any() else 0
         place = [round(float(columns[axis][nearest]), 6) for axis in "xyz"]

@@ -57,7 +57,7 @@ class ResultsFolder:
 
     @contextmanager
     def writing(self, study: Study, order: Order) -> Iterator[None]:
-        """A context that reserves the folder for the results of a study.
+        """Context manager that reserves the folder for the results of a study.
 
         Raises:
             ConflictError: the folder contains the results of another study, or another process is writing to

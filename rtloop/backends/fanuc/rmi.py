@@ -247,7 +247,9 @@ class RmiClient:
 
     @contextlib.contextmanager
     def _in_words(self, what: str) -> Iterator[None]:
-        """Context that closes the connection after an error, so that the next request opens a new one."""
+        """Context manager that closes the connection after an error, so that the next request opens a new
+        one.
+        """
         try:
             yield
         except OSError as exc:

@@ -155,7 +155,9 @@ class ControllerArm:
         self._drives.set_impedance(None)
 
     def advance(self, target: Array, velocity: Array, milliseconds: int) -> None:
-        """Move to a target, rad, in a number of milliseconds, and arrive there with this velocity, rad/s."""
+        """Move to a target (rad) in a number of milliseconds, and arrive there with the given velocity
+        (rad/s).
+        """
         time_s = milliseconds * STEP_S
         from_position, from_velocity = self.setpoint, self._velocity
         acceleration = (velocity - from_velocity) / time_s

@@ -157,7 +157,7 @@ class QueueLine:
             self.end = move.legs[-1].motion.end
 
     def _end_at(self, place: Array) -> None:
-        """Set the start of the next move, and cancel planning from any other start."""
+        """Set the start of the next move, and cancel the planning of a move that begins elsewhere."""
         self.end = place
         self._cuts += 1
         if self._planning is not None:

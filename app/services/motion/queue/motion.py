@@ -204,7 +204,7 @@ class QueueMotion:
         return Left([], None, (await self._motion.require_ready()).commanded_position)
 
     async def _cut_off(self, begun: QueuedMove | None) -> Left:
-        """End the dropped moves once the arm is at rest. `begun` is the move during which it stopped.
+        """End the dropped moves once the arm is at rest. `begun` is the move during which the arm stopped.
 
         Raises:
             CobotError: see `MotionService.ready`.
