@@ -39,7 +39,7 @@ class Turns:
         return True
 
     def wait(self, work: Callable[[], object]) -> None:
-        """Do a piece of work in its turn, which may be at once."""
+        """Do a piece of work when its turn comes, which may be at once."""
         if self.mine():
             work()
         else:

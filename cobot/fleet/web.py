@@ -80,7 +80,7 @@ class FleetOrder(FleetStop):
 
 
 class RobotName(StrictModel):
-    """A robot of the fleet. Without a name, it is the only robot of its cell."""
+    """A robot of the fleet. Its name may be omitted if it is the only robot of its cell."""
 
     cell: Name
     robot: Target = "*"

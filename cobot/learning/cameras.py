@@ -84,8 +84,8 @@ class Renderer:
         self._turn, self._place = base_frame(self._mj, self._data, robot.base_frame)
 
     def render(self, joints: Array) -> dict[str, np.ndarray]:
-        """The picture of each camera, uint8, shape (height, width, 3), with the arm at these joint positions,
-        rad.
+        """Each camera's picture while the arm is at the given joint positions (rad): uint8, shape (height,
+        width, 3).
         """
         self._data.qpos[:] = joints
         mujoco.mj_kinematics(self._mj, self._data)

@@ -153,7 +153,7 @@ class CollisionChecker:
             self._proven = None
 
     def is_free(self, joints: Array) -> bool:
-        """Whether everything keeps the margin. Takes about 2 µs."""
+        """Whether all pairs of bodies keep the margin. Takes about 2 µs."""
         return self.clearance.is_free(joints)
 
     def contacts(self, joints: Array) -> list[Contact]:

@@ -79,7 +79,7 @@ class ProgramWatch:
             self._changed.notify_all()
 
     def wait(self, ready: Callable[[], bool], timeout_s: float | None = None) -> bool:
-        """Wait until `ready` returns true. Returns whether this happened within the time.
+        """Wait until `ready` returns true or the timeout has passed. Returns the last value of `ready`.
 
         Raises:
             Stopping: the program must end.

@@ -126,7 +126,9 @@ class WaitStep(Step):
 
 
 class Rounds(RequestModel):
-    """Number of repetitions of steps. Without a field they are repeated until the sequence is stopped."""
+    """Number of repetitions of steps. If no field is given, the steps are repeated until the sequence is
+    stopped.
+    """
 
     count: int | None = Field(None, ge=1, le=MAX_ROUNDS, description="Maximum number of rounds.")
     while_: StepCondition | None = Field(

@@ -154,7 +154,9 @@ class ServoRules:
             return None
 
     def accept(self, point: Point) -> None:
-        """Register a point that was passed on. The next point must have a higher id and the same session."""
+        """Register a point that was passed on. The next point must have a higher id and belong to the same
+        session.
+        """
         self.accepted += 1
         if self.session_id is None:
             self.session_id = point.session_id

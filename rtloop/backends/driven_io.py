@@ -15,7 +15,7 @@ log = logging.getLogger("cobot.rtloop")
 
 
 class DrivenIo:
-    """Inputs and outputs as in `HasIo`, which never delay a cycle."""
+    """Inputs and outputs as in `HasIo`. They never delay a cycle."""
 
     def __init__(self, device: HasIo) -> None:
         self._device = device

@@ -62,8 +62,8 @@ class EqualMotions:
             await asyncio.wait(tasks)
 
     async def move(self, targets: dict[str, RobotTarget]) -> None:
-        """Start a motion of several robots, with the duration of the slowest one. Returns when all motions
-        have begun.
+        """Start a motion of several robots, which all take as long as the slowest one. Returns when all
+        motions have begun.
 
         Raises:
             ConflictError, NotReadyError, UnavailableError: one of the robots cannot move, or the time factors

@@ -55,8 +55,8 @@ class PositionService:
         return self._problem if self._aside is not None and self._aside.exists() else ""
 
     def all(self) -> list[NamedPosition]:
-        """List all positions, those from the SRDF first. They take precedence over taught positions with the
-        same name.
+        """List all positions, those from the SRDF first. SRDF positions take precedence over taught positions
+        with the same name.
         """
         own = self._robot.positions
         taught = [each for name, each in self._goals.taught.items() if name not in own]

@@ -154,7 +154,7 @@ class SceneService:
         return edit
 
     def move_object(self, name: str, pose: Numbers7, frame: str) -> Edit:
-        """Move an object. `pose` is in `frame`. Its shape, size and mass stay the same."""
+        """Move an object to `pose` in `frame`. The object's shape, size and mass stay the same."""
 
         def edit(scene: Scene, hand: Pose) -> Scene:
             item = named(scene, name)

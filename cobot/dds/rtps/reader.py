@@ -153,7 +153,8 @@ class Reader(RtpsEndpoint[WriterProxy]):
     # Answers
 
     def _introduce(self, proxy: WriterProxy) -> None:
-        """Request the first heartbeat until it arrives, because the writer may not know this reader yet.
+        """Keep requesting the first heartbeat until it arrives, because the writer may not know this reader
+        yet.
 
         Fast DDS answers a request with base 0 immediately, and any other request up to 3 s later.
         """

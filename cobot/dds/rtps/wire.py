@@ -147,7 +147,7 @@ class Wire:
                 self.send(datagram, (DISCOVERY_GROUP, self._ports.discovery))
 
     def later(self, delay_s: float, action: Callable[[], None]) -> None:
-        """Call `action` on this object's thread with the lock held, after a delay. This cannot be
+        """Call `action` on this object's thread with the lock held, after a delay. The call cannot be
         cancelled.
         """
         due_s = time.monotonic() + delay_s

@@ -52,7 +52,7 @@ def read_mjcf(file: Path, worker: Worker) -> mujoco.MjSpec:
 
 
 def remove_textures(spec: mujoco.MjSpec) -> None:
-    """Remove textures, which nothing draws. Materials keep their colours."""
+    """Remove textures, because nothing draws them. Materials keep their colours."""
     for material in spec.materials:
         material.textures = [""] * len(material.textures)
     for texture in list(spec.textures):

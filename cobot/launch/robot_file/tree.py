@@ -155,8 +155,8 @@ class JointTree:
         return (node for node in self.nodes.values() if not node.children)
 
     def is_finger(self, node: MovingJoint) -> bool:
-        """Whether a joint belongs to a finger. Either its name shows this, or it is on one of several short
-        branches that are many, slide or are coupled.
+        """Whether a joint belongs to a finger. Either the joint's name shows this, or the joint is on one of
+        several short branches, and these are numerous, slide or are coupled.
         """
         if FINGER.search(node.name) and not ARM_JOINT.search(node.name):
             return True

@@ -41,7 +41,7 @@ def expand(file: Path, into: Path, arguments: Mapping[str, str], packages: Seque
 
 
 def _provide_packages(file: Path, packages: Sequence[Path]) -> None:
-    """Provide the folders for `$(find NAME)`. Otherwise xacro would look for them in an installed ROS."""
+    """Provide the folders for `$(find NAME)`. Otherwise xacro would look for them in a ROS installation."""
     index = ModuleType("ament_index_python.packages")
     index.get_package_share_directory = (  # type: ignore[attr-defined]
         lambda name: str(find_package(name, file, packages))

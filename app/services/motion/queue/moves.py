@@ -128,12 +128,14 @@ class QueuedMove:
 
     @property
     def begins_motion(self) -> bool:
-        """Whether the arm must settle before this move, because it cannot be joined to the previous move."""
+        """Whether the arm must settle before this move, because this move cannot be joined to the previous
+        one.
+        """
         return self._rests or self.signals.placed.start_when is not None
 
     @property
     def ends_motion(self) -> bool:
-        """Whether the arm must settle after this move, because it cannot be joined to the next one."""
+        """Whether the arm must settle after this move, because this move cannot be joined to the next one."""
         return self._rests or self.signals.placed.until is not None
 
     @property
