@@ -72,5 +72,5 @@ def service_of(url: str) -> str:
 
 
 def path_at(url: str, plain: str) -> str:
-    """The path to append to a URL for a plain path. It is shorter if the URL is that of a robot."""
+    """The path to append to `url` to reach `plain`; see `path_below` for URLs that name a robot."""
     return path_below(plain) if f"{ROBOTS}/" in urlsplit(url).path else plain

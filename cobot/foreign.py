@@ -67,7 +67,7 @@ def bounded(items: Iterable[Any], most: int, what: str) -> tuple[Any, ...]:
 
 
 def cut(value: Any, max_characters: int, max_items: int) -> Any:
-    """A JSON value whose long strings and lists are truncated, at any depth."""
+    """A copy of a JSON value in which long strings and lists are truncated at every depth."""
     if isinstance(value, str):
         return value[:max_characters]
     if isinstance(value, list | tuple):

@@ -300,6 +300,6 @@ def _without_nan(value: Any) -> Any:
 
 
 def _set(record: np.ndarray, field: str, values: list[float] | list[bool] | None, name: str) -> None:
-    """Copy a list into an array field of the record, unless it is None."""
+    """Copy a list into an array field of the record; do nothing if the list is None."""
     if values is not None:
         record[field] = vector(values, len(record[field]), name=name)

@@ -102,5 +102,5 @@ class RobotChannels:
 
 
 def bit_mask(places: Iterable[int]) -> int:
-    """Return the number whose bits at these places are set, and no others."""
+    """Return the integer in which exactly the bits at these positions are set."""
     return sum(1 << int(place) for place in places)

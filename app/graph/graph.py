@@ -191,8 +191,8 @@ class Graph(Topics):
         return server
 
     def graph(self) -> dict[str, Any]:
-        """Return the part of the graph that other networks may mirror. Entries that come from these networks,
-        or that they already have, are omitted.
+        """Return the part of the graph that other networks may mirror. It omits the entries that come from
+        these networks, and the entries that they already have.
         """
         services = [
             {"name": service.name, "type": service.type}

@@ -85,8 +85,8 @@ class RosbridgeConnection:
         self._latched: dict[str, int] = {}
 
     def prepared(self, content: Any) -> Any:
-        """Prepare a decoded message for `take`. Called in another thread, because it does all the work that
-        grows with the message size.
+        """Prepare a decoded message for `take`. All work that grows with the message size is done here, and
+        therefore in a separate thread.
         """
         try:
             asked = op.operation(content)

@@ -90,7 +90,7 @@ class Keys:
 
     @contextlib.asynccontextmanager
     async def turn(self, key: bytes) -> AsyncIterator[None]:
-        """Context for processing a request with this key. Other requests with the same key wait."""
+        """Context manager for processing a request with this key. Other requests with the same key wait."""
         lock, users = self._turns.setdefault(key, (asyncio.Lock(), set()))
         user = object()
         users.add(user)

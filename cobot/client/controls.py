@@ -229,7 +229,8 @@ class CartesianMotionForceControl(Control[CartesianState]):
         self._publish("number", pose=target, wrench=force, feed_forward=bool(len(velocity)), twist=twist)
 
     def move_to_pose(self, pose: Sequence[float], duration_sec: float = 3.0) -> None:
-        """Begin a minimum-jerk motion to a pose and return. A running motion to the same pose continues.
+        """Begin a minimum-jerk motion to a pose, and return without waiting. If a motion to the same pose is
+        already running, it continues.
 
         A duration that is too short for the limits of velocity and acceleration is lengthened.
 

@@ -30,7 +30,7 @@ def service_options(*, robot: bool = True, as_json: bool = True) -> argparse.Arg
 
 
 def add_service_options(group: argparse._ArgumentGroup, *, robot: bool = True, as_json: bool = True) -> None:
-    """Add these options to an existing parser.
+    """Add the service options to an existing parser.
 
     Args:
         robot, as_json: whether to add the options `--robot` and `--json`.

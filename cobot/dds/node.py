@@ -65,7 +65,7 @@ class NodePublisher:
         return len(self._writer.matched)
 
     def publish(self, message: Message) -> None:
-        """Send a message. Fields that are missing get the defaults of ROS.
+        """Send a message. Missing fields get ROS's defaults.
 
         Raises:
             InputError: the message does not match the type, or is too large.

@@ -152,7 +152,7 @@ def _open(values: dict[str, Any], place: str) -> zenoh.Session:
 
 
 def has_router(session: zenoh.Session) -> bool:
-    """Whether a router is connected. It is the hub, or a router between this cell and the hub."""
+    """Whether a router is connected: either the hub, or a router between this cell and the hub."""
     return bool(list(session.info.routers_zid()))
 
 

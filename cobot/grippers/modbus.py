@@ -56,7 +56,7 @@ def framed(data: bytes) -> bytes:
 
 
 def is_whole(frame: bytes) -> bool:
-    """Whether the checksum of a frame is right."""
+    """Whether the checksum of a frame is correct."""
     return len(frame) > 2 and framed(frame[:-2]) == frame
 
 

@@ -160,8 +160,8 @@ def _faster(request: MotionRequest) -> Iterator[Idea]:
 
 
 def _more_free_axes(request: MotionRequest) -> Iterator[Idea]:
-    """The request with more free rotations. With them, an arm with too few joints for every orientation
-    reaches more poses.
+    """The request with more free rotations. An arm with too few joints for arbitrary orientations can then
+    reach more poses.
     """
     for axes in freer(request.free_axes):
         yield Idea({"free_axes": axes}, f"with free_axes [{', '.join(axes)}]")
@@ -240,8 +240,9 @@ def _other_starts(robot: RobotDescription, request: MotionRequest) -> Iterator[I
 def _fitting(
     robot: RobotDescription, request: MotionRequest, starts: list[Array]
 ) -> Iterator[tuple[Array, CobotError | None]]:
-    """For a line: the starts from which the joints can probably follow it. If there are none: all starts,
-    with the reason why the nearest one fails. For other motions: all starts.
+    """The starts from which the motion may succeed. For a line, these are the starts from which the joints
+    can probably follow it; if there are none, all starts are returned, with the reason why the first one
+    fails. For other motions, all starts are returned.
     """
     unfit = []
     for start in starts:

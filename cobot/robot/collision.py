@@ -240,8 +240,8 @@ class CollisionChecker:
         )
 
     def first_contact(self, trajectory: Trajectory) -> FirstContact | None:
-        """Find where a motion fails `check_trajectory`; None if it passes. The motion that passed last is not
-        proven again.
+        """Find where a motion fails `check_trajectory`; None if it passes. The last motion that passed is not
+        checked again.
 
         Raises:
             InputError: see `check_trajectory`.

@@ -232,7 +232,7 @@ class RobotModel:
         return recognised(self.chain, self.limits, self.mj.qpos0)
 
     def kinematics(self, free: tuple[FreeAxis, ...] = ()) -> Arm:
-        """`inverse_kinematics` with these rotations of the TCP free: none, one or all three."""
+        """The inverse kinematics that leaves the TCP rotations in `free` open: none, one or all three."""
         if not free:
             return self.inverse_kinematics
         if free not in self._freed:

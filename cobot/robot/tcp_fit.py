@@ -42,7 +42,7 @@ class TcpFit:
 
 
 def fit_tcp(flanges: Sequence[Pose]) -> TcpFit:
-    """Find the TCP by least squares: the point in the flange's frame that moves least between the poses.
+    """Find the TCP by least squares: the point in the flange's frame that moves least from pose to pose.
 
     Args:
         flanges: flange poses in the base frame. In all of them the tip touches the same point.

@@ -102,7 +102,8 @@ GRAVITY_TOLERANCE = 0.1
 
 
 def check_gravity(gravity: Numbers3, present: Array) -> None:
-    """Check that gravity differs from that of the model file only in its direction, as for a tilted base.
+    """Check that gravity has the same magnitude as in the model file. Only its direction may differ, as for a
+    tilted base.
 
     Raises:
         LimitError: the magnitude differs.

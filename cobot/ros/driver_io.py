@@ -103,8 +103,8 @@ def _span(kind: str, numbers: range) -> str:
 
 
 def _xarm(name: str, number: str, value: str) -> DriverIoService:
-    """A service of an xArm. Its controller answers 1 while it has an error, and 2 while it has a warning. The
-    answer still contains the values. With an error, only an old driver sets an output.
+    """A service of an xArm. Its controller answers 1 while it has an error, and 2 while it has a warning; the
+    answer still contains the values. During an error, only old drivers set outputs.
     """
     done = (0, 2) if value == "value" else (0, 1, 2)
     type_ = {"digitals": "GetDigitalIO", "data": "GetAnalogIO", "value": "SetDigitalIO"}[value]

@@ -15,7 +15,7 @@ FRESH_S = 1.0
 
 
 def gripper_states(robot: str) -> str:
-    """The topic that the service publishes a robot's fingers on."""
+    """The topic on which the service publishes the state of a robot's fingers."""
     return f"/{robot}/gripper/joint_states"
 
 

@@ -71,8 +71,8 @@ class Study(StrictModel):
         raise NotImplementedError
 
     def rounds(self) -> Generator[Round, Columns, None]:
-        """The rounds in which the tasks are computed. If a round has points, the caller sends its results
-        back to the generator.
+        """The rounds in which the tasks are computed. If a round has points, the caller sends the round's
+        results back to the generator.
         """
         yield Round(0, self.tasks, None)
 

@@ -49,8 +49,8 @@ def check_agreement(model: RobotModel, joints: Array, flange: Pose) -> Accepted 
 
 
 class ReducedSpeed:
-    """Keeps the reduced speed of the operation mode T1 at the fastest point: the model's TCP or the tool's
-    TCP, which rotates about the model's.
+    """Enforces the reduced speed of operation mode T1 at the fastest point. This is the TCP of the model, or
+    the TCP of the tool, which rotates about the model's TCP.
 
     Attributes:
         share: share of the joints' maximum speeds at which that point moves at the reduced speed; 1 until the

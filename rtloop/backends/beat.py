@@ -81,8 +81,8 @@ class Beat(Generic[PacketT]):
 
 
 def smooth(share: float) -> float:
-    """Return a smooth step from 0 at `share` 0 to 1 at `share` 1, whose first two derivatives are zero at
-    both ends.
+    """Return a smooth step that rises from 0 to 1 as `share` rises from 0 to 1. Its first two derivatives are
+    zero at both ends.
     """
     share = min(max(share, 0.0), 1.0)
     return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)

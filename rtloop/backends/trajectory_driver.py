@@ -291,7 +291,7 @@ class TrajectoryDriver:
 
     def _await_last_call(self, thread: threading.Thread) -> None:
         """Wait for the thread, which switches the drives off after a cancelled reset. If `disable` has failed
-        because a poll was hanging, switch them off here.
+        because a poll did not return in time, switch the drives off here.
         """
         thread.join(LAST_CALL_LOG_S)
         if thread.is_alive():

@@ -34,8 +34,9 @@ class SessionLimits:
     force_m_s: float = np.inf
 
     def in_t1(self, share: float) -> SessionLimits:
-        """Return the limits in T1. Like planned motions, joint streams get this share of the joints' speed.
-        Pose streams get the reduced speed of the TCP; their angular speed is reduced by the same factor.
+        """Return the limits in T1. The joint velocities of streams are limited to `share` of their maximum,
+        as for planned motions. Pose streams are limited to the reduced TCP speed; their angular speed is
+        reduced by the same factor.
         """
         most = share * self.torques.max_velocity
         linear = min(self.tcp.max_linear_velocity, POSES_SHARE * REDUCED_M_S)

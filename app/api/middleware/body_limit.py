@@ -18,7 +18,9 @@ IDENTITY = b"identity"
 
 
 class BodyLimit:
-    """ASGI middleware. It adds no coroutine to requests that clients poll."""
+    """ASGI middleware that limits the size of request bodies. GET requests pass directly, so that polling
+    needs no additional coroutine.
+    """
 
     def __init__(self, app: ASGIApp, all_bytes: int) -> None:
         self._app = app

@@ -66,8 +66,8 @@ class _Numbers:
         return value
 
     def _require_one_sign(self, cell: str, place: str) -> None:
-        """Check that all cells use the same decimal sign. A cell with both signs, such as `1.234,5`, is
-        rejected. A cell whose sign differs from that of earlier cells is rejected, too.
+        """Check that all cells use the same decimal sign. A cell is rejected if it contains both signs, such
+        as `1.234,5`, or if its sign differs from that of earlier cells.
         """
         for sign in ",.":
             if sign in cell:

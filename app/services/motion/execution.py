@@ -276,7 +276,7 @@ class MotionService:
         fence: Fence | None = None,
         begin_s: float = 0.0,
     ) -> None:
-        """Move back in a straight line after a motion that its condition `until` has ended.
+        """Move back in a straight line after a motion that was ended by its `until` condition.
 
         Args:
             begin_s: path time of the trajectory at which the motion began.

@@ -75,7 +75,7 @@ class Changed:
 
 @dataclass(frozen=True, slots=True)
 class _Remaining:
-    """The remaining part of the current motion.
+    """The part of the current motion that has not been executed yet.
 
     Attributes:
         since_s: time at which the arm was at the start of `left`, on the link's clock.
@@ -427,7 +427,7 @@ class SceneService:
         return min(within_s + STOPS_WITHIN_S, remaining.left.duration_s)
 
     def _placed(self, scene: Scene, pose: Numbers7, frame: str) -> Numbers7:
-        """Convert a pose to the base frame. `frame` may have been made by the same change."""
+        """Convert a pose to the base frame. `frame` may be a frame that the same change adds."""
         if frame in scene.frames:
             return (Pose.from_numbers(scene.frames[frame]) @ Pose.from_numbers(pose)).numbers
         return self._goals.placed(Pose.from_numbers(pose), frame).numbers

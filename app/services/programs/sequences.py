@@ -350,8 +350,8 @@ class SequenceService:
                     await self._answer_runner(self._steps, event)
 
     async def _answer_runner(self, steps: RunnerInstructions, event: dict[str, Any]) -> None:
-        """Answer a request from the runner once nothing is paused. Like motions, outputs and gripper commands
-        wait.
+        """Answer a request from the runner. The answer waits while anything is paused, so outputs and gripper
+        commands wait like motions.
         """
         override = self._ownership.speed_override
         if event["within"]:

@@ -71,8 +71,7 @@ class RunnerInstructions:
         self._write({"paused_s": paused_s})
 
     def hold(self, waypoint: int) -> None:
-        """Hold the runner once it has reached this waypoint or, if it passes this one without a stop, the
-        next one.
+        """Hold the runner at this waypoint or, if it passes this waypoint without a stop, at the next one.
 
         This is in addition to earlier holds.
 

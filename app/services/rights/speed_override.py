@@ -66,8 +66,8 @@ class SpeedOverride:
 
     @property
     def held_up_s(self) -> float:
-        """Total duration of all pauses, and the time that motions have lost otherwise because the time factor
-        was below 1, s.
+        """Total duration of all pauses, plus the time that motions have lost outside pauses because the time
+        factor was below 1, s.
         """
         paused_s, _, stretched_s = self.delays_s()
         return paused_s + stretched_s

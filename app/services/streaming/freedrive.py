@@ -318,8 +318,8 @@ class FreedriveService:
             self._session = None
 
     async def _watch(self, session: StreamSession) -> None:
-        """While the device itself lets a person guide the arm, end freedrive if it is not renewed, and report
-        joints outside their limits.
+        """End freedrive if it is not renewed, and report joints outside their limits. Used while the device
+        itself releases the arm for hand guiding.
         """
         while not session.over:
             await asyncio.sleep(PERIOD_S)

@@ -97,8 +97,8 @@ def _shifted(pose: Pose, way: Array, turn: Array) -> Pose:
 
 
 def _across(vector: Array, direction: Array) -> Array:
-    """Return the part of a vector that is normal to a direction; the whole vector if there is no
-    direction.
+    """Return the component of a vector that is perpendicular to a direction; the whole vector if the
+    direction is zero.
     """
     size = float(direction @ direction)
     return np.asarray(vector - (vector @ direction) / size * direction if size > 0.0 else vector)

@@ -92,7 +92,7 @@ def raster(radius_m: float, pitch_m: float) -> Search:
 
 
 def tilt(angle_rad: float) -> Search:
-    """Lean over and back in each of `LEANINGS` directions. Each direction is followed by its opposite."""
+    """Tilt in each of `LEANINGS` directions and back again. Each direction is followed by its opposite."""
     once = 2.0 * angle_rad * LEVER_M
 
     def offset(way_m: float) -> SearchOffset | None:

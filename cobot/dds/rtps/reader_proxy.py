@@ -80,7 +80,7 @@ class ReaderProxy:
 
     @property
     def passed(self) -> int:
-        """Number of the change up to which the reader needs no more changes from the writer."""
+        """The sequence number up to which the reader needs no more changes from the writer."""
         if self.reliable:
             return self.acknowledged
         return next(iter(self.queue)).sequence - 1 if self.queue else self.sent

@@ -87,7 +87,7 @@ def set_aside(file: Path, root: Element) -> dict[str, Stated]:
 
 
 def repair(spec: mujoco.MjSpec, solids: dict[str, Solid]) -> list[str]:
-    """Replace the inertias that no body can have. Returns a sentence for each.
+    """Replace physically impossible inertias. Returns a sentence for each replacement.
 
     Args:
         solids: the shapes of each link that has any, by the link's name.

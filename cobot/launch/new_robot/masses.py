@@ -142,8 +142,8 @@ class _Settling:
         return _Link(body, 0, stated, missing)
 
     def _give_density(self) -> None:
-        """Set the density of the shapes of links without an inertial. The density of shapes that are only
-        visual is set to 0.
+        """Set the density of the shapes of links that have no inertial. Shapes that are only visual keep a
+        density of 0.
         """
         meshes = {mesh.name: mesh for mesh in self._spec.meshes}
         for link in self._links:

@@ -31,7 +31,9 @@ def load_spec(file: Path, copy: Path) -> mujoco.MjSpec:
 
 
 def reason(exc: Exception, lines: bool = True) -> str:
-    """MuJoCo's message in one line. Line numbers of a file that the user does not know are left out."""
+    """MuJoCo's message in one line. Without `lines`, line numbers are removed, because they refer to a file
+    that the user does not know.
+    """
     said = " ".join(str(exc).split())
     return said if lines else LINE.sub("", said)
 

@@ -95,8 +95,8 @@ class Telescope:
                 state[self.first.name] *= self.travel
 
     def _velocity_and_effort(self, rates: dict[str, tuple[float, float]]) -> tuple[float, float]:
-        """Maximum velocity and maximum effort of the last stage. At this velocity, each joint stays within
-        its own limit.
+        """Maximum velocity and maximum effort of the last stage. At this velocity, no joint exceeds its own
+        limit.
         """
         velocity, effort = rates.get(self.first.name, (0.0, 0.0))
         velocities = [velocity] if velocity else []

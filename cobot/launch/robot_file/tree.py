@@ -178,7 +178,7 @@ class JointTree:
         )
 
     def without_fingers(self, path: list[MovingJoint]) -> list[MovingJoint]:
-        """The path up to its first finger. If it begins with a finger, this is the whole path."""
+        """The path up to its first finger. If the path begins with a finger, the whole path is returned."""
         cut = next((index for index, node in enumerate(path) if self.is_finger(node)), len(path))
         return path[:cut] or path
 

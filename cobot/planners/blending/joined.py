@@ -50,7 +50,7 @@ TOLD = 0.9
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """The motions between two stops, joined to one motion.
+    """The motions between two stops, joined into one motion.
 
     Attributes:
         blended: the joined motion.

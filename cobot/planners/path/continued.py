@@ -84,7 +84,7 @@ def _ending_at(robot: RobotDescription, path: TcpPath, shares: Array, rows: Arra
 def _other_end_error(
     path: TcpPath, limits: JointLimits, joint: int, value: float, end: float
 ) -> UnreachableError:
-    """The error for an arm without redundancy whose path ends in other joint angles than required."""
+    """The error for an arm without redundancy whose path does not end in the required joint angles."""
     name, unit = limits.names[joint], limits.unit(joint)
     return UnreachableError(
         f"{path.name}: the path ends with {name} at {value:.4f} {unit} instead of {end:.4f} {unit}, and this "

@@ -90,7 +90,8 @@ class Particles:
             yield self._smooth(count)
 
     def may_go_on(self, count: int, factor: int) -> bool:
-        """Whether a route passes the place where all routes of this search end, and the next `AHEAD` places.
+        """Whether a route continues past the place where all routes of this search end, for the next `AHEAD`
+        places.
 
         Args:
             count, factor: number of configurations, and factor for the number of places, from the last two

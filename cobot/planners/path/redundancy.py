@@ -215,8 +215,8 @@ class RedundancyGraph:
         return np.array(bounds)
 
     def _branches_at(self, start: Array) -> list[int]:
-        """The branch of the inverse kinematics at the start. Where axes nearly align, also the neighbouring
-        branches.
+        """The branch of the inverse kinematics at the start and, where axes are nearly aligned, the
+        neighbouring branches.
         """
         aside = ALIGNED_RAD * np.eye(len(start))
         others = {self._arm.of(joints)[1] for joints in (*(start + aside), *(start - aside))}

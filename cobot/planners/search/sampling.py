@@ -208,8 +208,8 @@ def _first(
 
 
 def room(robot: RobotDescription, ends: Array) -> float:
-    """The distance, m, that a polyline with these ends can keep from everything. It is at most the distance
-    that the ends themselves keep.
+    """The clearance, m, that a polyline with these ends can keep. It is at most the clearance of the ends
+    themselves.
     """
     margin_m = robot.collision.margin_m
     nearest = robot.collision.clearance.distances(ends, margin_m + SPARE_M).min(initial=margin_m + SPARE_M)

@@ -69,7 +69,7 @@ def parts(
 
 
 def _weld(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
-    """The mesh in which each corner occurs once, without triangles of area 0."""
+    """The mesh without duplicate corners and without triangles of zero area."""
     vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 3)
     triangles = np.asarray(triangles, dtype=np.int64).reshape(-1, 3)
     if not len(triangles):
@@ -135,7 +135,9 @@ def _is_convex(vertices: Array, triangles: Indices) -> bool:
 
 
 def _fitting(corners: Array, tolerance_m: float, room: int) -> Array:
-    """The boxes around triangles, whose corners have shape (n, 3, 3); None if there are more than `room`."""
+    """The boxes that cover the triangles with these `corners`, shape (n, 3, 3). There are at most `room`
+    boxes.
+    """
     boxes, cells = _boxes(corners, tolerance_m)
     if boxes is not None and len(boxes) <= room:
         return boxes

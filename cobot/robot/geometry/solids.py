@@ -30,7 +30,7 @@ TRIES = 4
 
 
 def cloud(points: Array, voxel_m: float) -> Array:
-    """The voxels that contain points, joined to boxes.
+    """The voxels that contain points, merged into boxes.
 
     Args:
         points: coordinates of the points, shape (n, 3), m.
@@ -91,8 +91,8 @@ def _rounded_up(value: float) -> float:
 
 
 def joined(cells: Array, hopeless: int | None = None) -> Array:
-    """Join distinct cells of a grid, shape (n, 3), to boxes. Returns the low and the high corner of each box,
-    shape (k, 6), in cells.
+    """Merge distinct cells of a grid, shape (n, 3), into boxes. Returns the low and the high corner of each
+    box, shape (k, 6), in cells.
 
     The best of the six orders of the axes is used; it does not necessarily give the smallest number of boxes.
     If the first order gives more than `hopeless` boxes, the others are not tried.
@@ -111,7 +111,7 @@ def joined(cells: Array, hopeless: int | None = None) -> Array:
 
 
 def _along(boxes: Array, axis: int) -> Array:
-    """Join boxes that continue each other along an axis."""
+    """Merge boxes that continue each other along an axis."""
     others = [column for column in range(6) if column % 3 != axis]
     boxes = boxes[np.lexsort([boxes[:, axis], *(boxes[:, column] for column in others)])]
     same = (boxes[1:, others] == boxes[:-1, others]).all(axis=1)

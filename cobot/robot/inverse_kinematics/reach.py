@@ -125,7 +125,9 @@ def freed(
 
 
 def freer(free: tuple[FreeAxis, ...]) -> Iterator[tuple[FreeAxis, ...]]:
-    """Larger sets of free rotations: first each single rotation, starting with z, then all of them."""
+    """Larger sets of free rotations. If `free` is empty, each single rotation comes first, starting with z;
+    all three together come last.
+    """
     if not free:
         yield from ((axis,) for axis in reversed(FREE_AXES))
     if len(free) < len(FREE_AXES):

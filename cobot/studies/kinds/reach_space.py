@@ -83,8 +83,8 @@ class PlacesSpace(StrictModel):
 
 @dataclass(frozen=True, slots=True)
 class Places:
-    """Positions in the base frame, shape (n, 3), m, and the outer normals at these positions, shape (n, 3);
-    None for a box.
+    """Positions in the base frame, shape (n, 3), m, and the outward normals there, shape (n, 3). The places
+    of a box have no normals (None).
     """
 
     positions: Array

@@ -1,4 +1,4 @@
-"""Finds what share of a program's runs succeed when the cell differs randomly from the model.
+"""Finds the share of a program's runs that succeed when the cell differs randomly from the model.
 
 A task is one run of the program on a simulated arm, with the real cycle and safety layer.
 """
@@ -31,7 +31,7 @@ MAX_CAUSES = 5
 
 
 class RobustnessStudy(RobotStudy):
-    """Finds what share of a program's runs succeed when the cell differs randomly from the model.
+    """Finds the share of a program's runs that succeed when the cell differs randomly from the model.
 
     Attributes:
         space: some of `PARAMETERS`.
@@ -151,6 +151,6 @@ class _RobustnessKernel:
 
 
 def _kind_of(cause: str) -> str:
-    """A reason without its numbers, so that equal reasons can be counted."""
+    """A reason with its numbers removed, so that reasons that differ only in numbers are counted together."""
     place, _, text = cause.partition("]")
     return f"{place}]" + re.sub(r"\d+(\.\d+)?(e-?\d+)?(?= |$)", "...", text)

@@ -71,8 +71,8 @@ class OptunaSearch:
         return [dict(trial.params) for trial in self._asked]
 
     def tell(self, values: Sequence[float]) -> None:
-        """Report the values of the trials that the last `ask` returned, in the same order. The value of a
-        failed trial is NaN.
+        """Report the values of the trials that the last call of `ask` returned, in the same order. The value
+        of a failed trial is NaN.
         """
         for trial, value in zip(self._asked, values, strict=True):
             if math.isfinite(value):

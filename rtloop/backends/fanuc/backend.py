@@ -395,8 +395,8 @@ class FanucBackend:
         require_accepted(table.check(self._limits, self._units, load))
 
     def _may_come_back(self, packet: StatusPacket) -> bool:
-        """Whether the program may end and start again without a fault. It may do so shortly after enabling,
-        which restarts it, as long as the arm does not move.
+        """Whether the program may end and start again without a fault. This is allowed shortly after
+        enabling, which restarts the program, as long as the arm does not move.
         """
         stopped = safety_stop(packet) or packet.robot_status & (RobotFlag.PENDANT | RobotFlag.ERROR)
         return self._clock() < self._join_until_s and not stopped

@@ -20,8 +20,8 @@ STOPS = frozenset({"e_stop", "protective_stop"})
 
 
 class StreamRig:
-    """A `ContractRig` for streaming. A stop of the robot deactivates the controller, as drivers do. There are
-    no reordered packets among the faults, because DDS restores the order.
+    """A `ContractRig` for streaming. A stop of the robot deactivates the controller, as drivers do. Its
+    faults do not include reordered packets, because DDS restores the order.
     """
 
     faults = frozenset({"disconnect", "frozen", "nan", "loss", *STOPS})

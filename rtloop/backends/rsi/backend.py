@@ -327,8 +327,8 @@ class RsiBackend:
             raise BackendError(f"the robot does not accept commands: {self._ended.reason}")
 
     def _report(self, result: Accepted | Rejected) -> None:
-        """Raise the error once. The cycle then stops the arm, which follows the commands until it is
-        reset.
+        """Raise the error, but only once. The cycle then stops the arm with commands, which the arm follows
+        until the reset.
         """
         if isinstance(result, Rejected) and not self._reported:
             self._reported = True

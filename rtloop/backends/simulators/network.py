@@ -67,9 +67,7 @@ class Network:
         way.append((self._period + delay + later, packet))
 
     def _take_due(self, way: deque[tuple[int, bytes]]) -> list[bytes]:
-        """Remove and return the packets that are due. Those that have waited longest come last, because later
-        packets have overtaken them.
-        """
+        """Remove and return the packets that are due. Overtaken packets come last."""
         due = [entry for entry in way if entry[0] <= self._period]
         if due:
             left = [entry for entry in way if entry[0] > self._period]
