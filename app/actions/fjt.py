@@ -282,8 +282,8 @@ class FollowJointTrajectory:
             claim.interrupt(PathViolated(f"{violation} by path_tolerance; {WIDER_PATH}"))
 
     def _under_way(self, goal: FjtGoal, trajectory: Trajectory, state: RobotState) -> bool:
-        """Whether the arm is still outside the goal's tolerances. Once it is within them, settling does not
-        count.
+        """Whether the motion is still running, or the arm is still outside the goal's tolerances at its end.
+        The arm need not settle further once it is within them.
         """
         if state.path_time_s < trajectory.duration_s:
             return True

@@ -330,9 +330,9 @@ class HttpProtocol(HttpToolsProtocol):
             self.transport.abort()
 
     def _start_asgi_task(self, cycle: RequestResponseCycle, app: ASGI3Application) -> None:
-        """Start the application at once for a stop, and if the client is waiting for permission to send the
-        body. Otherwise start it when the body is complete, so that slow or incomplete bodies need almost no
-        resources.
+        """Start the application at once for a stop, or if the client waits for permission to send the body.
+        Otherwise start the application when the body is complete, so that slow or incomplete bodies need
+        almost no resources.
         """
         start = super()._start_asgi_task
         self._answering = cycle

@@ -194,7 +194,7 @@ class Telemetry:
         time.sleep(max(0.0, (next_ns - time.monotonic_ns()) * 1e-9))
 
     def _follow_tool(self, version: int) -> None:
-        """If rtloop uses a new tool, publish the topics that contain the TCP again."""
+        """If rtloop uses a new tool, publish the TCP-dependent topics again."""
         if version == self._model.tool.version:
             return
         tool = self._tool_file.read()

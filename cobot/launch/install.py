@@ -185,8 +185,8 @@ def _require_system(what: str) -> None:
 
 
 def _require_readable(python: Path) -> None:
-    """Check that the service's user can read the installation of cobot. This fails if it is below /root or a
-    closed home folder.
+    """Check that the service's user can read the installation of cobot. The check fails if the installation
+    is below /root or in a home folder that other users cannot read.
     """
     for folder in (python.absolute().parent, *python.absolute().parents):
         if not folder.stat().st_mode & stat.S_IXOTH:

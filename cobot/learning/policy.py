@@ -140,7 +140,7 @@ class PolicyRunner:
         self.sent: list[Sent] = []
 
     def run(self, seconds: float) -> None:
-        """Move the arm for `seconds`, measured on the robot's clock. Then the last chunk ends and the arm
+        """Move the arm for `seconds`, measured on the robot's clock. The last chunk then ends, and the arm
         stops.
 
         Raises:

@@ -125,8 +125,8 @@ class DeviceInCell:
         raise BackendError(f"there is no input {name!r}")
 
     def _with(self, name: str) -> Any:
-        """Return the device or the cell, whichever has this input or output. Unknown names go to the cell,
-        which rejects them.
+        """Return the device or the cell, depending on which has the input or output with this name. Unknown
+        names go to the cell, which rejects them.
         """
         is_of_device = name not in self._names and hasattr(self.device, "io")
         return self.device if is_of_device else self._cell

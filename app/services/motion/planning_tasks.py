@@ -134,7 +134,7 @@ def lead_around(
     from_s: float,
     free_s: float,
 ) -> ChangeOver | None:
-    """Lead a motion around an obstacle that it would touch, as `change_goal` does.
+    """Change a motion so that it avoids an obstacle that it would touch, as `change_goal` does.
 
     Args:
         free_s: path time from `now_s` within which the motion must not touch anything, s.

@@ -85,7 +85,7 @@ class TrajectoryService:
         self._followers: set[asyncio.Task[None]] = set()
 
     def lines(self, count: int) -> list[str]:
-        """Return the newest log lines, in order of time."""
+        """Return the newest log lines in chronological order."""
         return list(self._lines)[-count:]
 
     async def send(self, read: Read, options: Options, caller: Caller) -> StartedTrajectory:

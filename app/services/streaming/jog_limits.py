@@ -59,8 +59,8 @@ class LimitedVelocity:
 
 
 class JogLimits:
-    """The limits of a jog for one robot. The calculation uses the model's scratch memory, as the service's
-    kinematics does.
+    """The limits of a jog for one robot. Like the service's kinematics, the calculation uses the model's
+    scratch memory.
     """
 
     def __init__(self, robot: RobotDescription, stream: JointLimits | None = None) -> None:
@@ -166,8 +166,8 @@ class JogLimits:
         return float(shares[pair]), self._distance(pair, here)
 
     def nearest(self, position: Array, velocity: Array, within_m: float) -> Reason:
-        """Describe the nearest pair of parts that approach each other, and their distance; "" if no pair
-        approaches within this distance.
+        """Describe the nearest pair of parts that approach each other, with their distance; "" if no such
+        pair is within the given distance.
         """
         here, closing = self._approach(position, velocity, within_m)
         distances = np.where(closing > APPROACH_M_S, here, np.inf)

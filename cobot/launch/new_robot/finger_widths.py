@@ -337,8 +337,8 @@ def _cut_off(corners: Array, out: Array, level: float) -> Array | None:
 
 
 def _stretch(angles: Array, widths: Sequence[float]) -> tuple[float, float] | str:
-    """The closed and the open angle, between which the width grows steadily; or the reason why no such angles
-    exist.
+    """The angles of the closed and the open fingers, between which the width increases steadily. If there are
+    no such angles, the reason.
     """
     if widths[0] > widths[-1]:
         angles, widths = angles[::-1], widths[::-1]

@@ -205,7 +205,9 @@ class _Choice:
         return min(holds or free, key=lambda joints: float(np.abs(joints - zero).max()), default=None)
 
     def touches_most(self) -> str:
-        """The pairs that touch in most of the random positions; "" if no pair touches in any of them."""
+        """The pairs that touch in many of the random positions, or else the pair that touches most often; ""
+        if no pair touches in any position.
+        """
         pairs: Counter[tuple[str, str]] = Counter()
         for joints in self._random():
             pairs.update({(each.first, each.second) for each in self._collision.contacts(joints)})

@@ -67,7 +67,7 @@ def solid(mj: mujoco.MjModel, body: int, chosen: Array) -> Solid | None:
 
 
 class _Shape:
-    """A geom of MuJoCo's model. A mesh is represented by its convex hull, as for collisions."""
+    """A geom of MuJoCo's model. As in collision checks, a mesh is represented by its convex hull."""
 
     def __init__(self, mj: mujoco.MjModel, geom: int) -> None:
         self._kind, self._size = int(mj.geom_type[geom]), np.array(mj.geom_size[geom])

@@ -156,7 +156,9 @@ def _clustered(vertices: Array, triangles: Indices, cell_m: float) -> tuple[Arra
 
 
 def _covering(hulls: list[trimesh.Trimesh], points: Array) -> list[trimesh.Trimesh]:
-    """The hulls, each extended to the points outside all hulls that are closest to it."""
+    """The hulls, extended so that they cover all points: each point outside all hulls is added to the closest
+    hull.
+    """
     outside = np.stack([_beyond(hull, points) for hull in hulls])
     nearest, missed = outside.argmin(axis=0), outside.min(axis=0) > COVERED_M
     return [

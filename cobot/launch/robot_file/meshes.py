@@ -119,7 +119,7 @@ class Meshes:
 
 
 def find_mesh(file: Path, mesh: Element, link: str, packages: Sequence[Path]) -> Path:
-    """The file of a link's <mesh>.
+    """The file to which the <mesh> of a link refers.
 
     Raises:
         ConfigError: the file does not exist, or its format is not supported; the message names the line, the

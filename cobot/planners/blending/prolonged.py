@@ -193,7 +193,7 @@ def _timing(under_way: Stretch, left_out: int) -> PathTiming:
 
 
 def _left_out(under_way: Stretch, from_s: float) -> int:
-    """The number of motions, counted from the last stop, that need not be joined again."""
+    """The number of motions, counted from the last stop, that do not have to be joined again."""
     assert under_way.progress is not None
     place = float(under_way.progress.sample([from_s - under_way.since_s])[0, 0])
     ends = under_way.ends_s[len(under_way.ends_s) - len(under_way.legs) :]

@@ -159,7 +159,7 @@ class _Steps:
         return np.clip(place + self._random.normal(0.0, NEARBY_RAD, len(place)), low, high)
 
     def _shorten(self, way: list[Array]) -> list[Array]:
-        """Shorten a path wherever steps lead straight from one of its nodes to a later one."""
+        """Replace parts of a path by shortcuts wherever straight steps lead from one node to a later one."""
         for _ in range(SHORTCUTS):
             if len(way) < 3 or self._is_over():
                 break

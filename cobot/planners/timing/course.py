@@ -115,7 +115,9 @@ def through(
 
 
 def _blended(course: WaypointCourse, start: Array, limits: JointLimits) -> WaypointCourse:
-    """The course from the arm's current position. The quintic with the least jerk blends out the offset."""
+    """The course, beginning at the arm's current position. The quintic with the least jerk fades out the
+    offset.
+    """
     offset = start - course.positions[0]
     off = np.abs(offset)
     if not off.any():

@@ -205,7 +205,7 @@ def _colors(mesh: trimesh.Trimesh) -> Array:
 
 
 def _rendered(corners: Array, colors: Array, view: PictureView) -> npt.NDArray[np.uint8]:
-    """An image of shape (HEIGHT, WIDTH, 3). At each point the nearest triangle is visible."""
+    """An image of shape (HEIGHT, WIDTH, 3). Each pixel shows the nearest triangle."""
     width, height = OVERSAMPLING * WIDTH, OVERSAMPLING * HEIGHT
     right, up, towards = _camera(view)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
