@@ -106,6 +106,6 @@ class Pose:
         return Pose(-np.array(rotated(back, self.position.tolist())), np.array(back))
 
     def apply(self, points: Array) -> Array:
-        """Transform a point, shape (3,), or points, shape (n, 3), from this frame to the outer one."""
+        """Transform one or more points from this frame to the outer one. Shape: (3,) or (n, 3)."""
         moved: Array = points @ self.rotation.T + self.position
         return moved

@@ -210,8 +210,8 @@ class Trajectory:
         )
 
     def _unit_polynomials(self, derivative: int) -> Array:
-        """Coefficients of a derivative, shape (n, dof, 6 − derivative), in time scaled to [0, 1] within each
-        segment.
+        """Coefficients of a derivative as polynomials in a time that is scaled to [0, 1] within each segment.
+        Shape: (n, dof, 6 − derivative).
         """
         rows = self.coefficients[:, :, derivative:] * FACTORS[derivative, derivative:]
         durations = np.diff(self.breakpoints_s)

@@ -67,7 +67,8 @@ def rehearse(
     trajectory: Trajectory,
     disturbance: Disturbance | None = None,
 ) -> SimulatedRun:
-    """Simulate a motion from its start, at rest, shape (dof,), rad, with the tool and the attached objects.
+    """Simulate a motion with the tool and the attached objects. The arm begins at rest at `start`, shape
+    (dof,), rad.
 
     Raises:
         PlanningError: the cycle rejects the motion; the error gives the reason.

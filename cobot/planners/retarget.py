@@ -85,9 +85,9 @@ def retarget(
 
 
 def _moving_on(robot: RobotDescription, request: MotionRequest, state: Array) -> Trajectory | None:
-    """The fastest motion of all joints from a moving state, shape (3, dof), to the goal; None if the request
-    needs a different path, if its limits are below the current velocities, or if this motion is not free of
-    collisions.
+    """The fastest motion of all joints to the goal from a moving state of shape (3, dof). None if the request
+    needs a different path, if its limits are below the current velocities, or if the motion is not
+    collision-free.
     """
     limits = request.scaled_limits(robot)
     direct = request.planner in MOVING_ON and request.synchronization is Synchronization.TIME
@@ -137,7 +137,7 @@ def _allowed(robot: RobotDescription, request: MotionRequest, left: Trajectory) 
 
 
 def _slow_down(state: Array, limits: JointLimits) -> Trajectory:
-    """A motion from a moving state, shape (3, dof), to rest. All joints stop at the same time."""
+    """A motion to rest from a moving state of shape (3, dof). All joints stop at the same time."""
     if not state[1:].any():
         return _resting(state[0])
     acceleration = np.maximum(GENTLE * limits.max_acceleration, np.abs(state[2]) * (1.0 + PLANNED_TOLERANCE))
@@ -149,7 +149,7 @@ def _slow_down(state: Array, limits: JointLimits) -> Trajectory:
 
 
 def _profile(state: Array, limits: JointLimits) -> ruckig.InputParameter:
-    """Ruckig's problem from a moving state, shape (3, dof), to rest."""
+    """Ruckig's problem of a motion to rest from a moving state of shape (3, dof)."""
     problem = ruckig.InputParameter(limits.dof)
     problem.synchronization = ruckig.Synchronization.Phase
     problem.current_position, problem.current_velocity, problem.current_acceleration = state.tolist()

@@ -17,7 +17,8 @@ rad.
 
 
 def points_of(cycles: Cycles, every_s: float, *, measured: bool = False) -> tuple[Array, Array]:
-    """The points of the motion: times starting at 0, s, shape (n,), and joint positions, rad, shape (n, dof).
+    """The points of the motion: times that start at 0 (s), and joint positions (rad). Shapes: (n,) and (n,
+    dof).
 
     The time without movement before and after the motion is left out.
 

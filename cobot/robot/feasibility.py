@@ -139,7 +139,7 @@ def _bounds(
 
 
 def effort_samples(model: RobotModel, trajectory: Trajectory) -> tuple[Array, Array]:
-    """Times, s, shape (n,), and the drives' efforts at these times without friction, N·m, shape (n, dof).
+    """Times (s), and the drives' efforts without friction at these times (N·m). Shapes: (n,) and (n, dof).
 
     The model keeps the samples of the last trajectory, because a planner and the check after it need the same
     samples. In between, only the note of the trajectory may change; its arrays are read-only.

@@ -144,7 +144,7 @@ class RobotModel:
 
     @property
     def file_gravity(self) -> Array:
-        """The gravity of the model file, shape (3,), m/s², in the base frame."""
+        """The gravity of the model file in the base frame. Shape: (3,), in m/s²."""
         return np.asarray(self.chain.base_rotation.T @ self._carrier.gravity)
 
     def carry(self, tool: Tool, scene: Scene | None = None) -> None:
@@ -260,8 +260,7 @@ class RobotModel:
         return self.forward_and_jacobian(joints)[2].copy()
 
     def forward_and_jacobian(self, joints: Array) -> tuple[Array, Array, Array]:
-        """The position, shape (3,), the rotation matrix, shape (3, 3), and the Jacobian, shape (6, dof), of
-        the TCP, for solvers.
+        """The TCP's position, rotation matrix and Jacobian, for solvers. Shapes: (3,), (3, 3) and (6, dof).
 
         The Jacobian is overwritten by the next call.
         """
@@ -290,7 +289,7 @@ class RobotModel:
 
     @property
     def gravity(self) -> Array:
-        """The acceleration of free fall, shape (3,), m/s², in the base frame."""
+        """The acceleration of free fall in the base frame. Shape: (3,), in m/s²."""
         return np.asarray(self.chain.base_rotation.T @ self.mj.opt.gravity)
 
 

@@ -62,7 +62,7 @@ class NearestParts:
         return self.among(np.asarray(joints, dtype=float)[None])
 
     def distances(self, rows: Array, farthest_m: float = FARTHEST_M) -> Array:
-        """The distance of each pair at each row of joints, shape (n, pairs), m, at most `farthest_m`."""
+        """The distance of each pair at each row of joints, at most `farthest_m`. Shape: (n, pairs), in m."""
         if not self._checker.pairs:
             return np.zeros((len(rows), 0))
         return self._checker.clearance.distances(rows, farthest_m)

@@ -213,7 +213,7 @@ def _require_whole(each: SceneObject, by_voxels: bool) -> None:
 
 
 def symmetric(six: Numbers6) -> Array:
-    """The symmetric matrix, shape (3, 3), from xx, xy, xz, yy, yz, zz."""
+    """The symmetric matrix with the elements xx, xy, xz, yy, yz, zz. Shape: (3, 3)."""
     xx, xy, xz, yy, yz, zz = six
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 

@@ -151,7 +151,7 @@ def _sine(normal: Array, first: Array, second: Array) -> float:
 
 
 def _circle(centre: Array, x: Array, axis: Array, angle: float, rise: Array, shares: Array) -> Array:
-    """Positions, shape (n, 3), at shares of an angle measured from `x` and of a rise along the axis."""
+    """Positions at shares of an angle measured from `x` and of a rise along the axis. Shape: (n, 3)."""
     angles, part = angle * shares[:, None], shares[:, None]
     return np.asarray(centre + np.cos(angles) * x + np.sin(angles) * np.cross(axis, x) + part * rise)
 

@@ -71,8 +71,8 @@ joint angles, or None."""
 def through(
     robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, joints_at: JointsAt
 ) -> JointCurve:
-    """A joint path through the configurations `rows`, shape (n, dof), at the shares of the path `shares`,
-    shape (n,). Points are added where they are needed for accuracy.
+    """A joint path that passes through the configurations `rows` at the path shares `shares`. Shapes: (n,
+    dof) and (n,). Points are added where they are needed for accuracy.
 
     It stays within the joint limits, and its TCP within `MAX_DEVIATION_*` of the TCP path.
 

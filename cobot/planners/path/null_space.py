@@ -83,8 +83,8 @@ class Particles:
         self._way = self._carry(start)
 
     def ways(self) -> Iterator[Array]:
-        """Yield the joints at all shares, shape (n, dof), for each route, beginning with the smoothest.
-        Yields nothing if no route reaches the end.
+        """Yield, for each route, the joint positions at all shares, shape (n, dof). The smoothest route is
+        first. Yields nothing if no route reaches the end.
         """
         for count in SMOOTHINGS if self._way is not None else ():
             yield self._smooth(count)

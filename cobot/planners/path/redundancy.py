@@ -95,8 +95,8 @@ class Profile:
         return self.arm.joints(pose, float(self.spline(share)), self.branch)
 
     def rows(self, shares: Array) -> Array | None:
-        """Joints, shape (n, dof), at these shares, shape (n,); None if there are no joints for one of the
-        shares.
+        """The joint positions at the given shares; None if a share has no joint positions. Shapes: (n, dof)
+        and (n,).
         """
         found = [
             self.arm.joints(pose, float(angle), self.branch)

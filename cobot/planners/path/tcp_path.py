@@ -44,8 +44,8 @@ class TcpPath:
 
 
 def turn_between(start: Pose, goal: Pose) -> Array:
-    """The rotation vector, shape (3,), rad, that takes the start orientation to the goal orientation the
-    shorter way.
+    """The rotation vector from the start orientation to the goal orientation, the shorter way. Shape: (3,),
+    in rad.
     """
     return np.array(quaternion.between(start.quaternion.tolist(), goal.quaternion.tolist()))
 
@@ -112,5 +112,5 @@ def _tilt(start: Array, goal: Array, axis: FreeAxis) -> tuple[Array, float]:
 
 
 def _axis(turn: Array, index: int) -> Array:
-    """One axis of the frame that a quaternion describes, shape (3,), in the base frame."""
+    """One axis, in the base frame, of the frame that a quaternion describes. Shape: (3,)."""
     return np.array(quaternion.rotated(turn.tolist(), UNIT_AXES[index]))

@@ -95,7 +95,7 @@ def _starts(
 def _optimise(
     robot: RobotDescription, corners: Array, least_iterations: int, deadline_s: float, timeout_s: float
 ) -> tuple[Array | None, CollisionError | None]:
-    """A collision-free polyline, shape (n, dof), that begins and ends like `corners`. If the search fails,
+    """A collision-free polyline that begins and ends like `corners`. Shape: (n, dof). If the search fails,
     None and the obstacle.
 
     Raises:

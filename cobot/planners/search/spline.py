@@ -32,7 +32,7 @@ LOOKS = 4
 def smooth_motion(
     robot: RobotDescription, corners: Array, limits: JointLimits, held: Held | None = None
 ) -> Trajectory:
-    """A motion near a polyline, shape (n, dof), that is free of collisions.
+    """A collision-free motion near a polyline of shape (n, dof).
 
     The points are the control polygon of a clamped B-spline. The path stays within the hull of these points,
     and therefore within the position limits. It begins and ends exactly at the ends of the polyline, with

@@ -67,8 +67,8 @@ class JointCurve:
 
     @classmethod
     def through(cls, parameters: Array, points: Array) -> JointCurve:
-        """The curve through points, shape (n, dof), at parameters, shape (n,), with four continuous
-        derivatives.
+        """The curve that passes through the given points at the given parameters. Four of its derivatives are
+        continuous. Shapes: (n, dof) and (n,).
         """
         return cls.of_spline(spline_through(parameters, points))
 

@@ -20,8 +20,8 @@ AT_REST = 3
 
 
 def stretch_needed(control: Array, step_s: float, limits: JointLimits) -> Array:
-    """The factor by which the time around each control point must be stretched to stay within the limits,
-    shape (n,).
+    """For each control point, the factor by which the time around it must be stretched to stay within the
+    limits. Shape: (n,).
     """
     found = np.zeros(len(control))
     difference = control

@@ -108,7 +108,7 @@ def inverse(
     random_seed: int = 0,
     free: tuple[FreeAxis, ...] = (),
 ) -> Array:
-    """The best joint angles, shape (dof,), rad, that bring the TCP to a pose.
+    """The best joint angles that bring the TCP to a pose. Shape: (dof,), in rad.
 
     With a closed form this is the best of all solutions. Otherwise, if the nearest solution is requested, it
     is the result of a descent from the seed; for other criteria, it is the best result of several descents
@@ -217,7 +217,8 @@ def _cost(model: RobotModel, joints: Array, criterion: Criterion) -> float:
 
 
 def continued(model: RobotModel, pose: Pose, joints: Array) -> Array:
-    """Joint angles, shape (dof,), rad, at a pose, on the same branch of the inverse kinematics as `joints`.
+    """Joint angles for a pose, on the same branch of the inverse kinematics as `joints`. Shape: (dof,), in
+    rad.
 
     A distant pose is approached on a straight line, in pieces, so that the branch cannot change unnoticed.
 

@@ -90,7 +90,7 @@ def check_command_mode(message: MonitoringMessage, options: FriOptions) -> Accep
 def check_entry(
     message: MonitoringMessage, options: FriOptions, names: tuple[str, ...], held: tuple[float, ...]
 ) -> Accepted | Rejected:
-    """Check that the arm is at the position that it is commanded to hold, so that commands may begin.
+    """Check that the arm is at its commanded position, so that commands may begin.
 
     Args:
         held: position of the controller's interpolator, or the last command if a motion is running.

@@ -98,7 +98,7 @@ def check_position(state: RobState, layout: TelegramLayout, limits: JointLimits)
 def check_entry(
     state: RobState, options: RsiOptions, layout: TelegramLayout, held: Array
 ) -> Accepted | Rejected:
-    """Check that the arm is at the position that it is commanded to hold, so that corrections may begin."""
+    """Check that the arm is at its commanded position, so that corrections may begin."""
     off = np.abs(np.subtract(state.position, held))
     joint = int(off.argmax())
     if off[joint] <= options.entry_rad:

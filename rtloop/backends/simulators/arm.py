@@ -74,8 +74,8 @@ class ControllerArm:
         return self._drives.push
 
     def torque_of(self, wrench: Array) -> Array:
-        """Calculate the joint torques, shape (dof,), that correspond to a wrench at the TCP in the base
-        frame, shape (6,).
+        """Calculate the joint torques that correspond to a wrench at the TCP in the base frame. Shapes:
+        (dof,) and (6,).
         """
         return self._find_jacobian().T @ wrench
 
