@@ -272,7 +272,7 @@ class RobotMemory:
             raise
 
     def mend_header(self) -> bool:
-        """Restore the header if it is damaged, and return whether it was.
+        """Restore the header if it is damaged. Returns whether it was damaged.
 
         Only its creator may call this. A damaged header would prevent other processes from mapping the
         memory.

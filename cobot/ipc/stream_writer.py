@@ -52,7 +52,9 @@ class StreamWriter:
         return number
 
     def answer(self, number: int) -> str | None:
-        """The reason why rtloop rejects this session; "" if it accepts it; None if there is no answer yet."""
+        """The reason why rtloop rejects this session; "" if the session is accepted; None if there is no
+        answer yet.
+        """
         ack = self._memory.session_ack
         if not ack.try_read() or int(ack.data["session"]) != number:
             return None

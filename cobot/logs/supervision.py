@@ -53,7 +53,7 @@ class SupervisorLog(logging.Handler):
 
     @property
     def losses(self) -> int:
-        """Descriptor of the memory with the losses, which the service inherits."""
+        """Descriptor of the memory that contains the losses. The service inherits this descriptor."""
         return self._descriptor
 
     def emit(self, record: logging.LogRecord) -> None:

@@ -25,7 +25,7 @@ Comment = Annotated[str, Field(max_length=1000, description="Comment for people;
 
 
 class Target(SignalFields):
-    """Fields of every target in addition to its motion, which is a body of POST /robot/move/..."""
+    """The fields of every target in addition to its motion. The motion is a body of POST /robot/move/..."""
 
     label: Label = ""
     comment: Comment = ""

@@ -45,7 +45,8 @@ Handler = Callable[[Request], Coroutine[Any, Any, Response]]
 
 
 def key_of(request: Request) -> str | None:
-    """Return the key of a request, without the quotation marks that the draft requires; None without a key.
+    """Return the key of a request, without the quotation marks that the draft requires; None if the request
+    has no key.
 
     Raises:
         InputError: the key is empty, too long, has invalid characters, or occurs several times.

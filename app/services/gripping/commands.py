@@ -96,7 +96,7 @@ def _failed(words: str, code: ReasonCode, width: float | None, expected: float =
 def shortfall(
     command: AnyGripperCommand, state: GripperState, able: GripperCapabilities
 ) -> CobotError | None:
-    """Return the error for an ended command that has not reached its goal; None if it has reached it."""
+    """Return the error if an ended command has not reached its goal; otherwise None."""
     if isinstance(command, GripperGrasp):
         nothing = missed(state)
         if nothing is None and state.width is not None and not grasp_of(command).permits(state.width):

@@ -367,7 +367,7 @@ def _ending(status: int) -> str:
 
 
 async def _receive(reader: asyncio.StreamReader) -> tuple[bool, bytes]:
-    """Read the next message, and return whether it is about a preparation, and its pickle.
+    """Read the next message. Returns whether it is about a preparation, and the message's pickle.
 
     Raises:
         asyncio.IncompleteReadError: the other end is closed.

@@ -149,7 +149,9 @@ def _send(channel: BinaryIO, content: bytes) -> None:
 
 
 def _receive(channel: BinaryIO) -> tuple[bool, bytes] | None:
-    """Read the next message: whether it is a preparation, and its pickle; None if the channel was closed."""
+    """Read the next message. Returns whether it is a preparation, and the message's pickle; None if the
+    channel was closed.
+    """
     head = channel.read(HEAD.size)
     if len(head) < HEAD.size:
         return None

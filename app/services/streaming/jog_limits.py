@@ -128,8 +128,8 @@ class JogLimits:
         return float(1.0 / max(1.0, (np.abs(acceleration) / self._rates.max_acceleration).max()))
 
     def share(self, position: Array, velocity: Array) -> tuple[float, Reason]:
-        """Return the share of a velocity that is safe at this position, 0 to 1, and the reason if it is below
-        1 ("" if it is 1).
+        """Return the share of a velocity that is safe at this position, 0 to 1, and the reason for a share
+        below 1 ("" for 1).
         """
         share, reason = self._of_limits(position, velocity)
         near, why = self.of_obstacles(position, velocity)

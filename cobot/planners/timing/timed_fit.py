@@ -218,7 +218,7 @@ class _Fitting:
     def _stretch_to_bounds(
         self, control: Array, times_s: Array, step_s: float | None = None
     ) -> tuple[Array, float]:
-        """Stretch the motion until it keeps its bounds, and store it if it is the best so far.
+        """Stretch the motion until it keeps its bounds. If it is the best motion so far, store it.
 
         Returns:
             The factor by which the time around each control point must be stretched, shape (n,), so that

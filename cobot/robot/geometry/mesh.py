@@ -69,7 +69,7 @@ def parts(
 
 
 def _weld(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
-    """The mesh without duplicate corners and without triangles of zero area."""
+    """The mesh after removing duplicate corners and triangles of zero area."""
     vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 3)
     triangles = np.asarray(triangles, dtype=np.int64).reshape(-1, 3)
     if not len(triangles):

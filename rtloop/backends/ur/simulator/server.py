@@ -33,7 +33,7 @@ CATCH_UP_S = 0.05
 
 
 class ProgramStream(TcpStream):
-    """A connection of a program on the controller, which the server can silence, delay and time.
+    """A connection of a program on the controller. The server can silence, delay and time the connection.
 
     Attributes:
         commands: number of times that data was received.
