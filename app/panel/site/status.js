@@ -25,7 +25,7 @@ export class Status {
     this.device = device;
     this.ownStream = ownStream;
     this.isPaused = isPaused;
-    this.mode = this.line = null;
+    this.mode = this.line = this.own = null;
     this.look = oneAtATime(() => this.ask());
     inEachLanguage(() => {
       if (this.mode) this.write();
@@ -48,10 +48,11 @@ export class Status {
   }
 
   write() {
-    const own = STREAMING.includes(this.mode) ? OWN[this.ownStream()] : null;
+    // Until the arm is at rest after a jog, the state is still "Jogging".
+    this.own = STREAMING.includes(this.mode) ? (OWN[this.ownStream()] ?? this.own) : null;
     element("mode").dataset.mode = this.mode;
     const paused = ["TRAJECTORY", "HOLD"].includes(this.mode) && this.isPaused(); // on a path, or between two motions
-    say("mode", word(paused ? "job_paused" : (own ?? `mode_${this.mode}`)), paused ? "warn" : (LEVELS[this.mode] ?? "busy"));
+    say("mode", word(paused ? "job_paused" : (this.own ?? `mode_${this.mode}`)), paused ? "warn" : (LEVELS[this.mode] ?? "busy"));
   }
 
   connected(connected) {
