@@ -20,7 +20,7 @@ QUESTIONS = {
     "is this a simulation?": "questions.html#is-this-a-simulation",
     "open the gripper": "questions.html#how-do-i-open-the-gripper",
     "log in": "questions.html#how-do-i-log-in",
-    "PLC": "questions.html#how-do-i-connect-a-plc",
+    "PLC": "services.html#connect-a-plc-over-modbus-tcp",
     "change the port": "questions.html#how-do-i-change-the-port",
     "robot does not move": "questions.html#why-does-the-robot-not-move",
     "why did the robot stop": "questions.html#why-did-the-robot-stop",
