@@ -94,6 +94,22 @@ def test_the_judge_sees_a_collision_and_too_much_effort(robot: RobotDescription)
     assert any(flaw.startswith("effort") for flaw in loaded.flaws(motion, less))
 
 
+def test_the_judge_accepts_only_an_escape_that_is_announced_and_gets_no_deeper() -> None:
+    made = case(arm("spherical"), 54, 1)  # its start is 11 mm deep in a box
+    request, judge = made.requests[0], Judge(arm("spherical"), made.robot)
+    limits = request.scaled_limits(made.robot).including(request.start)
+    motion = plan(made.robot, request)
+    assert motion is not None
+    assert judge.distance(motion.start) < -0.01
+    assert list(judge.flaws(motion, limits)) == []
+    silent = replace(motion, notices=())
+    assert "collision: -11.18 mm, sample 0 of 200" in judge.flaws(silent, limits)
+    mirrored = -motion.coefficients
+    mirrored[:, :, 0] += 2.0 * motion.start
+    deeper = replace(motion, coefficients=mirrored)
+    assert any("gets deeper" in flaw for flaw in judge.flaws(deeper, limits))
+
+
 def test_joints_whose_spline_swings_between_uneven_places_still_follow_a_line() -> None:
     # Found by seed 1: the true arcs of a curve that swung made its parameter 4,600 long, and the next curve
     # was refused because it "jumps", as if the request were wrong.

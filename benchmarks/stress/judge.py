@@ -100,7 +100,7 @@ class Judge:
     def _contacts(self, motion: Trajectory, rows: Array) -> Iterator[str]:
         least = self.robot.collision.margin_m - 5e-4 - SLACK_M
         distances = [self.distance(joints) for joints in rows]
-        if "the motion leaves this first" in motion.note:
+        if any(notice.kind == "left_start" for notice in motion.notices):
             out = next((i for i, distance in enumerate(distances) if distance >= least), len(distances))
             if out == len(distances) or min(distances[:out], default=NEAR_M) < distances[0] - 2.0 * SLACK_M:
                 yield f"collision: gets deeper on the way out, {1e3 * min(distances):.2f} mm"
