@@ -37,8 +37,8 @@ def share_arenas() -> None:
 
 
 async def give_back() -> None:
-    """Return memory while the service is running. With a C library other than glibc, only Python's own memory
-    is returned.
+    """Return unused memory to the operating system while the service is running. With a C library other than
+    glibc, only Python's own memory is returned.
     """
     # opened now, because later there may be no free file descriptor
     with Path("/proc/self/statm").open("rb", buffering=0) as statm:

@@ -117,7 +117,7 @@ class Reason(str):
         return Reason(f"{self}; {words}", self.code, self.of, self.value, self.limit, self.unit)
 
     def fields(self) -> dict[str, object]:
-        """The code and the values of the reason for JSON, by their names in the state block. Empty if the
+        """The reason's code and values for JSON. The keys are the names in the state block. Empty if the
         reason has no code.
         """
         if not self.code:

@@ -134,8 +134,8 @@ class FollowJointTrajectory:
 
     @contextlib.asynccontextmanager
     async def _turn(self, handle: GoalHandle) -> AsyncIterator[TrajectoryRun]:
-        """End the previous goal and start this one, which runs until a cancel request or a newer goal ends
-        it.
+        """Context manager for one goal: ends the previous goal, and lets the new one run until it is
+        cancelled or a newer goal replaces it.
         """
         run, before = TrajectoryRun(), self._newest
         self._newest = run

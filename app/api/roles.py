@@ -99,7 +99,7 @@ def guard(routes: Iterable[BaseRoute], table: Mapping[str, Role]) -> None:
 
 
 class _Guarded:
-    """The application of a route, for clients with the required role."""
+    """Wraps the application of a route, and lets only clients with the required role use it."""
 
     def __init__(self, app: ASGIApp, role: Role, *, free_on_loopback: bool, changes: bool) -> None:
         self._app = app

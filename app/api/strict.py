@@ -89,7 +89,7 @@ def is_strict(request: Request) -> bool:
 
 
 def with_strict_status(response: Response) -> Response:
-    """Return the response with the status of its error, if it has one."""
+    """Return the response. If it reports an error, its status becomes the HTTP status of this error."""
     response.headers[APPLIED] = STRICT_STATUS
     if response.status_code == 200:
         answer = json.loads(bytes(response.body))

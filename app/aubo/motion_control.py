@@ -296,8 +296,8 @@ def is_servo_mode_enabled(robot: Services) -> bool:
 
 @service("MotionControl")
 def get_servo_feedback(robot: Services) -> Json:
-    """State of the servo session, and the points that have been rejected since it began. Without a session,
-    both are for the last one.
+    """State of the servo session, and the points that have been rejected since the session began. If there is
+    no session, the values of the last session are returned.
 
     Returns:
         JSON: an object, see docs/servo.md.

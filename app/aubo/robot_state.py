@@ -59,7 +59,7 @@ async def get_joint_torque_sensors(robot: Services) -> list[float]:
 
 @service("RobotState")
 async def get_joint_external_torques(robot: Services) -> list[float]:
-    """The torques that the surroundings exert on the joints, estimated.
+    """The estimated torques that the surroundings exert on the joints.
 
     Returns:
         the torques, N·m, one for each joint.

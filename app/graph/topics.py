@@ -155,7 +155,8 @@ class Topics:
         """Called when a topic, a publisher or a subscription has been added or removed."""
 
     def graph_of_topics(self) -> list[dict[str, Any]]:
-        """List the topics that another network may mirror, without those that it owns or already has.
+        """List the topics that a gateway may offer to another network. Topics for which only gateways publish
+        or subscribe are left out.
 
         A topic without an advertiser is listed once for each subscribed type, so that no subscription
         determines the type for the others.

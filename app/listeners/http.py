@@ -330,9 +330,9 @@ class HttpProtocol(HttpToolsProtocol):
             self.transport.abort()
 
     def _start_asgi_task(self, cycle: RequestResponseCycle, app: ASGI3Application) -> None:
-        """Start the application at once for a stop, or if the client waits for permission to send the body.
-        Otherwise start the application when the body is complete, so that slow or incomplete bodies need
-        almost no resources.
+        """Start the application at once if the request is a stop, or if the client waits for permission to
+        send the body. All other requests start the application when their body is complete, so that slow or
+        incomplete bodies use almost no resources.
         """
         start = super()._start_asgi_task
         self._answering = cycle

@@ -108,7 +108,7 @@ class TopicFeed:
 
     @property
     def type(self) -> str | None:
-        """The type of the topic's messages; None for any type that is published."""
+        """The type of the topic's messages; None if messages of every type are accepted."""
         return self._subscription.type
 
     def _wake_up(self) -> None:

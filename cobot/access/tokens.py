@@ -291,8 +291,8 @@ def _admins(tokens: Tokens) -> list[Token]:
 
 
 def _require_admin(tokens: Tokens, name: str | None) -> None:
-    """Check the administrator again while the file is locked, because two administrators may revoke each
-    other's tokens.
+    """Check that the administrator's token is still valid. This is checked while the file is locked, in case
+    two administrators revoke each other's tokens at the same time.
     """
     if name is not None and all(each.name != name for each in _admins(tokens)):
         raise PermissionDenied(f"{name} is not the name of a valid token of an administrator")

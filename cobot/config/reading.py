@@ -46,7 +46,9 @@ def load_settings(path: Path | None = None, over: dict[str, Any] | None = None) 
 
 
 def _of_several(path: Path, content: dict[str, Any], entries: Any) -> Settings:
-    """The settings in a file with a list `robots`. `content` is everything else in the file."""
+    """The settings from a file that has a list `robots`. `content` is the rest of the file, without this
+    list.
+    """
     each = [
         parse(Settings, path, _merged(content, changes), place=f"robots[{index}]: ")
         for index, changes in enumerate(_changes_of_each(path, entries))

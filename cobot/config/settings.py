@@ -96,7 +96,9 @@ class Settings(Section):
 
     @property
     def restart_file(self) -> Path:
-        """File of the changes in a rolled-back bundle that need a restart, written by the cell's process."""
+        """File that lists the changes of a rolled-back bundle for which a restart is needed. The cell's
+        process writes it.
+        """
         return (self.kept or self.logs) / f"{self.robot.name}.restart.json"
 
     @property

@@ -109,7 +109,7 @@ class _Cdr:
         return list(self._values(f"{count}d")) if count else []  # an empty list is not padded
 
     def _values(self, code: str) -> tuple[Any, ...]:
-        """Read the next values, whose format is a code of `struct`, after the padding for their type."""
+        """Skip the padding, and read the next values. `code` is their format for `struct`."""
         self._at += -self._at % struct.calcsize(code[-1])
         found = struct.unpack_from(self._order + code, self._data, self._at)
         self._at += struct.calcsize(code)

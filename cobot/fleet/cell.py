@@ -394,7 +394,7 @@ class FleetCell:
 
 
 def _unproven(who: str) -> str:
-    """The name for the audit if no hub has signed the command."""
+    """The client's name for the audit, for a command without a hub's signature."""
     return who if who == ANONYMOUS else claimed(who.strip('"'))
 
 

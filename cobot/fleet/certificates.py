@@ -152,7 +152,7 @@ class Signer:
         self.hosts = [str(each.value) for each in names]
 
     def signed(self, command: StrictModel) -> SignedCommand:
-        """Sign a command or a different message."""
+        """Sign a command or another message."""
         text = command.model_dump_json()
         signature = self._key.sign(text.encode(), ec.ECDSA(hashes.SHA256()))
         return SignedCommand(

@@ -125,5 +125,7 @@ def _robots_again(chosen: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def _said(robot: dict[str, Any]) -> list[str]:
-    """The problems of a robot, without ages, because ages change all the time."""
+    """The problems of a robot. The age of its last report is left out, because the age changes all the
+    time.
+    """
     return _concerns(robot | {"age_s": 0.0})[0 if robot["alive"] else 1 :]

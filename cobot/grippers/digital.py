@@ -93,7 +93,9 @@ class DigitalGripper(TwoPositions):
 
     @staticmethod
     def contract_rig(options: DigitalOptions) -> DigitalRig:
-        """Simulated fingers that these outputs move, with these inputs."""
+        """Simulated fingers, driven by the outputs in the options and reporting to the inputs in the
+        options.
+        """
         return DigitalRig(options.model_copy(update={"modbus": None}))
 
     def connect(self) -> None:

@@ -172,7 +172,9 @@ class Master:
         return bytes(frame[2:-2])
 
     def _exchange(self, request: bytes, length: int) -> bytes:
-        """Send a request, and return the bytes of the answer's frame that arrive."""
+        """Send a request, and return the bytes of the answer. They are fewer than expected if the answer is
+        cut off.
+        """
         self._port.write(framed(request))
         frame: bytes = self._port.read(MIN_FRAME)
         if len(frame) == MIN_FRAME and not frame[1] & REFUSED:

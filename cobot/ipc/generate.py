@@ -76,7 +76,7 @@ def declarations() -> str:
 
 
 def attributes() -> Iterator[str]:
-    """The measured fields as attributes of a class in a stub file, line by line."""
+    """Yield the lines of a stub file that declare the measured fields as attributes of a class."""
     for field in MEASURED:
         yield f"    # {field.meaning}; {field.unit}."
         yield f"    {field.name}: Array"

@@ -12,7 +12,9 @@ COMMANDS = ("backup", "restore", "support")
 
 
 def add_parsers(commands: Any, config: argparse.ArgumentParser) -> None:
-    """Add the commands; `config` has the option --config."""
+    """Add the commands `cobot backup`, `restore` and `support`. `config` is a parser with the option
+    --config.
+    """
     backup = commands.add_parser(
         "backup", parents=[config], help="write settings, tool, scene, positions and programs to one file"
     )

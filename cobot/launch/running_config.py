@@ -61,8 +61,8 @@ class RunningConfig:
 
     @classmethod
     def mine(cls) -> list[RunningConfig]:
-        """The configurations of this user's cobots that are running or were killed. Copies that belong to
-        other users are not trusted.
+        """The configuration of each of this user's cobots that is running or was killed. Copies that belong
+        to other users are not trusted.
         """
         found = []
         for folder in FOLDER.glob("cobot-*.run"):

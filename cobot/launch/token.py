@@ -28,7 +28,7 @@ A running service notices a new or revoked token within a second."""
 
 
 def add_parser(commands: Any, config: argparse.ArgumentParser) -> None:
-    """Add the command; `config` has the option --config."""
+    """Add the command `cobot token` to the parser. `config` is a parser with the option --config."""
     parser = commands.add_parser(
         "token",
         help="create, list and revoke access tokens",

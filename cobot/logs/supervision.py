@@ -103,8 +103,8 @@ class SupervisorLosses:
         self._memory = None if descriptor is None else mmap.mmap(descriptor, LOSSES.size, prot=mmap.PROT_READ)
 
     def read(self) -> tuple[int, int, int]:
-        """Number of lines that the file has lost, number of lines that the terminal has lost, and errno of
-        the file. All are 0 if there is no supervisor.
+        """Return three numbers: the lines that the log file has lost, the lines that the terminal has lost,
+        and the errno of the last failure to write the file. All are 0 if there is no supervisor.
         """
         if self._memory is None:
             return 0, 0, 0

@@ -34,8 +34,8 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 @dataclass(frozen=True, slots=True)
 class Within:
-    """Bounds of a number. If the number is out of bounds, the error recognises a value in a different unit;
-    see `cobot.units`.
+    """Bounds of a number. If a number that is out of bounds looks like a value in a different unit, the error
+    points this out; see `cobot.units`.
     """
 
     require: Callable[[float, float], float]

@@ -129,8 +129,8 @@ class Held:
         return np.asarray(np.arctan2(sines, axes @ self._direction))
 
     def _finding(self, index: int, excess: float, share: float | None) -> Finding:
-        """The finding for a violated constraint, chosen by its column of `excess`. The value of the finding
-        is the excess.
+        """Report a violated constraint. `index` is its column of `excess`, and the finding's value is the
+        excess.
         """
         names = ["", *(["orientation"] if self._constraints.cone is not None else [])]
         units = ["", *(["rad"] if self._constraints.cone is not None else [])]

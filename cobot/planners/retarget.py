@@ -109,7 +109,9 @@ def _moving_on(robot: RobotDescription, request: MotionRequest, state: Array) ->
 def _by_way_of_rest(
     robot: RobotDescription, request: MotionRequest, under_way: Trajectory, now_s: float, state: Array
 ) -> tuple[Trajectory, float]:
-    """The sum of both motions, and the time at which the first one ends."""
+    """Slow down to rest, then begin the new motion. Returns the whole trajectory, and the time at which the
+    slowing motion ends.
+    """
     left = cut(under_way, min(now_s, under_way.duration_s - 2.0 * SAME_S), under_way.duration_s)
     limits = _allowed(robot, request, left)
     slowing = _slow_down(state, limits)

@@ -64,5 +64,7 @@ async def ask(path: Path, request: dict[str, Any], timeout_s: float) -> dict[str
 
 
 def refusal(error: CobotError) -> dict[str, Any]:
-    """The answer from which `ask` raises this error again in the service."""
+    """The answer that reports this error. When `ask` receives the answer, it raises the error again in the
+    service.
+    """
     return {"error": str(error), "code": error.code}

@@ -177,8 +177,8 @@ class SceneFile:
         self.stage(scene)()
 
     def stage(self, scene: Scene) -> Callable[[], None]:
-        """Write the scene to a second file, and return the function that replaces the file with it. See
-        `cobot.robot.kept.stage`.
+        """Write the scene to a temporary file. Returns a function that puts this file in the place of the old
+        one. See `cobot.robot.kept.stage`.
 
         Raises:
             UnavailableError: there is no space or no permission; the old file is unchanged. The returned
@@ -260,7 +260,8 @@ def clouds_in(mj: mujoco.MjModel, scene: Scene) -> dict[int, CloudTree]:
 
 
 def _fill_with_cloud(body: mujoco.MjsBody, tree: CloudTree) -> None:
-    """Add the box around all voxels, and one voxel, which `Clearance` moves.
+    """Add a box around all voxels, and a box of the size of one voxel. `Clearance` moves the latter to each
+    voxel.
 
     Without a contact type, MuJoCo would discard the voxel from the model of a URDF. Code that lists the pairs
     must therefore leave it out.

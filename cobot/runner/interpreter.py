@@ -192,7 +192,9 @@ class Interpreter:
 
     @contextlib.contextmanager
     def _report_step(self, step: Step, here: Where, doing: str) -> Iterator[None]:
-        """A context for any other step. The step is logged and reported, and its place is added to errors."""
+        """Context manager for a step that is not a motion: logs and reports the step, and adds its location
+        to any error raised.
+        """
         text = self._text(step, here)
         self._log(f"{text}: {doing}")
         event = {

@@ -46,7 +46,7 @@ class Sequence(RequestModel):
 
     @property
     def word(self) -> str:
-        """The name of an entry in the log: step or waypoint."""
+        """The log's word for an entry of this sequence: "step" or "waypoint"."""
         return "step" if self.steps else "waypoint"
 
     @model_validator(mode="after")
@@ -71,7 +71,9 @@ class Sequence(RequestModel):
         return self
 
     def groups(self) -> list[list[Numbered]]:
-        """The steps in groups without a stop inside, with their numbers from 1 (0 for home)."""
+        """The numbered steps, grouped so that the arm does not stop within a group. The first step is number
+        1, and home is number 0.
+        """
         if self.home is None:
             return groups(self.items)
         return groups([self.home, *self.items], first=0)

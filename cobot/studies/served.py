@@ -231,15 +231,15 @@ def require_no_files(part: dict[str, Any], place: str = "") -> None:
                 )
     for name in ("space", "targets"):
         if isinstance(value := part.get(name), dict) and "mesh" in value:
-            raise InputError(f"{place}{name}.mesh: a study of the service reads no files; use {name}.box")
+            raise InputError(f"{place}{name}.mesh: a study in the service cannot read files; use {name}.box")
     program = part.get("program")
     if isinstance(program, dict) and (place or "stored" not in program):
         raise InputError(
-            f"{place}program: a study of the service reads no files; list the moves, or name a stored "
+            f"{place}program: a study in the service cannot read files; list the moves, or name a stored "
             f"program with {{stored: ID}}"
         )
     if "function" in part:
-        raise InputError(f"{place}function: a study of the service calls no functions; use `cobot study`")
+        raise InputError(f"{place}function: a study in the service cannot call functions; use `cobot study`")
 
 
 def _stored_program(request: ServedRequest, choice: dict[str, Any]) -> list[dict[str, Any]]:

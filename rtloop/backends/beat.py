@@ -108,8 +108,8 @@ class CommandTransition:
         self.sent = None
 
     def begin(self, interpolator: Array, command: Array) -> None:
-        """Start the transition at the last position that was sent or, if there is none, at the
-        interpolator's. The offset from the commands then decreases to 0.
+        """Start the transition. It starts at the last position that was sent or, if none was sent, at the
+        interpolator's position. The offset from the commands then decreases to 0.
         """
         self._offset = (self.sent if self.sent is not None else interpolator) - command
         self._passed_s = 0.0

@@ -84,8 +84,8 @@ class _Keys:
 
 
 def _keys(header: list[str], joints: Sequence[str]) -> _Keys:
-    """Return the valid column names: with the robot's own joint names if the header contains one of them,
-    otherwise with joint numbers.
+    """Return the valid column names. They contain the robot's own joint names if the header contains one of
+    these; otherwise they contain joint numbers.
 
     This way, if the robot's joints are joint_0 to joint_5, `joint_1` is not mistaken for the first joint.
     """

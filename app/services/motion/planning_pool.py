@@ -147,9 +147,9 @@ class PlanningPool:
             self._keepers = [asyncio.create_task(self._keep()) for _ in range(self.size)]
 
     async def prepare(self, ahead: Preparation, workers: int) -> None:
-        """Make up to this number of free workers prepare in advance, in the order in which they get tasks.
-        Does not wait for them. A worker that is still preparing is skipped, so that preparations do not pile
-        up.
+        """Let idle workers prepare in advance, at most `workers` of them, in the order in which they get
+        tasks. Does not wait for the preparations. A worker that is still preparing is skipped, so that
+        preparations do not pile up.
         """
         packed = await ahead.pack()
         taken: list[_Worker] = []
@@ -222,7 +222,7 @@ class PlanningPool:
             worker.end()
 
     async def _wait_for_worker(self) -> _Worker:
-        """Wait for a worker without a task."""
+        """Wait for an idle worker, and return it."""
         while True:
             try:
                 async with asyncio.timeout(LOOK_S):

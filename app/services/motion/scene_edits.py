@@ -59,8 +59,9 @@ def detach(name: str) -> Edit:
 
 
 def with_room(objects: dict[str, SceneObject]) -> dict[str, SceneObject]:
-    """Return the objects with boxes around the voxels of their point clouds. Boxes and other solids together
-    are no more than a stream can check. For large clouds this takes tens of milliseconds.
+    """Return the objects, with each point cloud divided into boxes that enclose its voxels. There are no more
+    boxes than a stream can check in addition to the other solids. For large clouds, this takes tens of
+    milliseconds.
 
     Raises:
         LimitError: there are more solids or voxels than allowed.

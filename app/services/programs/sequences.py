@@ -366,7 +366,7 @@ class SequenceService:
 
     @property
     def steps(self) -> RunnerInstructions:
-        """Return the object that instructs the runner at its waypoints.
+        """Return the object that tells the runner at each waypoint whether to continue.
 
         Raises:
             ConflictError: no sequence is running.

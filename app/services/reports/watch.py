@@ -57,7 +57,7 @@ class StateWatch:
         self._told: dict[Intervention, tuple[int, float]] = {}
 
     def look(self, state: RobotState | None, cycle: int, now_s: float) -> None:
-        """Publish the changes.
+        """Publish an event for each change since the last call.
 
         Args:
             state: None if it cannot be read.

@@ -340,8 +340,8 @@ class RobotLink:
             return None
 
     def rtloop_pid(self) -> int:
-        """Return rtloop's process id. Raises the same errors as `statistics`. Does not copy the block,
-        because the id is needed for each state.
+        """Return rtloop's process id. Raises the same errors as `statistics`. This is called for each state,
+        so it does not copy the whole block.
         """
         try:
             return int(self.memory.statistics.read()["pid"])

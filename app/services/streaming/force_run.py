@@ -58,7 +58,9 @@ class ForceOutcome:
 
 
 def outcome_word(outcome: ForceOutcome) -> Callable[[str], None]:
-    """Make a function that stores in the outcome the word for the cause that ended a search."""
+    """Make a function that records in `outcome` what has ended the search. The function gets the cause as a
+    word.
+    """
 
     def note(word: str) -> None:
         outcome.stopped_by = word

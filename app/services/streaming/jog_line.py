@@ -50,7 +50,9 @@ class JogLine:
         return np.concatenate([rotation @ twist[:3], rotation @ twist[3:]])
 
     def corrected(self, position: Array) -> Array:
-        """Return the twist that keeps the TCP on the line, or brings it back to the line, shape (6,)."""
+        """Return the twist that keeps the TCP on the line, or that brings it back if it has left the line.
+        Shape: (6,).
+        """
         moved, turned = self._deviation(self._model.forward(position))
         correction = -CORRECTION_PER_S * np.concatenate([moved, turned])
         size = float(np.linalg.norm(correction))

@@ -89,8 +89,8 @@ class StreamSession:
         self._first.note(setpoint)
 
     def report_refusal(self, state: np.ndarray) -> None:
-        """Inform the client if this state, `cobot.ipc.state_fields.state_dtype`, shows that its first target
-        was rejected.
+        """If the state shows that the session's first target was rejected, inform the client. `state` is a
+        record of `cobot.ipc.state_fields.state_dtype`.
         """
         refusal = self._first.refusal(self.number, state)
         if refusal:

@@ -31,7 +31,9 @@ class Change:
 
 
 class History:
-    """Changes by sequence number, within the depth and the limits."""
+    """A writer's changes by sequence number. The oldest ones are removed when the depth or a limit is
+    exceeded.
+    """
 
     def __init__(self, depth: int | None, limits: ParticipantLimits) -> None:
         self._most = limits.history_samples if depth is None else depth

@@ -109,7 +109,9 @@ class Wire:
 
     @property
     def told_one_by_one(self) -> tuple[str, ...]:
-        """Computers whose first participants get announcements by unicast."""
+        """Computers to which announcements are also sent by unicast, at the ports of their first
+        participants.
+        """
         return self._peers if self.has_multicast else (LOOPBACK, *self._peers)
 
     def look_around(self) -> None:
@@ -138,7 +140,9 @@ class Wire:
             self.statistics.datagrams_sent += 1
 
     def multicast(self, datagram: bytes) -> None:
-        """Send to the discovery group on every interface, and to the first ports of unreachable computers."""
+        """Send to the discovery group on every interface. Computers that multicast does not reach get a
+        unicast copy at their first ports.
+        """
         for address in first_addresses(self.told_one_by_one, self._ports):
             self.send(datagram, address)
         for interface in self.interfaces:

@@ -278,5 +278,5 @@ class RobotiqGripper:
 
 
 def _words(fault: int) -> str:
-    """The active fault as text; "" without a fault."""
+    """The active fault as text; "" if there is none."""
     return FAULTS.get(fault, f"fault {fault:#04x}, which the manual does not list" if fault else "")

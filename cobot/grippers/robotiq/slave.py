@@ -149,7 +149,7 @@ class Slave:
         return answers
 
     def _next(self) -> bytes:
-        """The next complete frame. Bytes before it do not belong to a request, and are dropped."""
+        """The next complete frame. Any bytes before this frame are invalid and are dropped."""
         for start in range(len(self._buffer)):
             length = _length(self._buffer[start:])
             frame = self._buffer[start : start + length]

@@ -198,7 +198,7 @@ class _Reader:
         return [joint.name for joint in self._tree.joints if joint.moves and joint.name in wanted]
 
     def _members(self, group: str, seen: set[str]) -> set[str]:
-        """The names of a group's joints. Its links, chains and subgroups are resolved."""
+        """The names of a group's joints, including those of its links, chains and subgroups."""
         seen.add(group)
         names: set[str] = set()
         for element in self._groups[group]:

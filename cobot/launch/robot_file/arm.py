@@ -212,8 +212,8 @@ def _chains(tree: JointTree) -> list[list[MovingJoint]]:
 
 
 def _without_rods(path: list[MovingJoint]) -> list[MovingJoint]:
-    """The path without the joints at its end that follow other joints. Such joints belong to a linkage,
-    unless they carry the TCP.
+    """The path without those joints at its end that follow other joints. They belong to a linkage, unless
+    they carry the TCP.
     """
     top = len(path)
     while top and path[top - 1].leader:

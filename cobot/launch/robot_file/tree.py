@@ -118,8 +118,8 @@ class JointTree:
             pending += ((child, last) for child in reversed(body.bodies))
 
     def resting(self, degrees: bool) -> dict[str, float]:
-        """The position at which each joint without a drive stays, rad or m. It is the joint's reference, or
-        the position that follows from its leader, limited to its range.
+        """The positions at which the joints without a drive stay, rad or m. Each is the joint's reference or,
+        if the joint follows another one, the position that results from it, limited to the joint's range.
 
         Args:
             degrees: whether the angles in the specification are in degrees.

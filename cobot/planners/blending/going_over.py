@@ -145,8 +145,8 @@ def _through(
     until: float,
     window: tuple[float, float],
 ) -> tuple[Trajectory, float, float] | None:
-    """Try `make_transition` in one time window: when the transition begins, and about how long it lasts.
-    Returns None if this fails.
+    """Try `make_transition` in one time window, `window`: the time at which the transition begins, and its
+    approximate duration. Returns None if the transition fails.
     """
     first = int(np.searchsorted(old.trajectory.breakpoints_s, window[0]))
     begin_s = float(old.trajectory.breakpoints_s[first])

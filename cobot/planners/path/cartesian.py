@@ -84,8 +84,8 @@ def follow(
 
 
 def _unreachable(arm: Arm, reason: CobotError, reached: float, end: Array | None) -> UnreachableError:
-    """The error if the simple solution does not reach the end and, for a redundant arm, no other
-    configuration does either.
+    """The error for a path that cannot be followed to its end, neither by the simple solution nor, for a
+    redundant arm, by any other configuration.
     """
     if not arm.redundant:
         return UnreachableError(str(reason), findings=reason.findings)

@@ -55,8 +55,8 @@ def continued(
 
 
 def _ending_at(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, end: Array) -> Array:
-    """The joint positions, shape (n, dof), after a gradual change along the path that makes them end at
-    `end`.
+    """The joint positions of a path, changed so that they end at `end`. The change grows gradually along the
+    path. Shape: (n, dof).
     """
     arm, drift = robot.model.kinematics(path.free), end - rows[-1]
     if np.abs(drift).max() > SAME_RAD:

@@ -90,8 +90,8 @@ class Particles:
             yield self._smooth(count)
 
     def may_go_on(self, count: int, factor: int) -> bool:
-        """Whether a route continues past the place where all routes of this search end, for the next `AHEAD`
-        places.
+        """Whether any route continues for the next `AHEAD` places after the place where all routes of this
+        search end.
 
         Args:
             count, factor: number of configurations, and factor for the number of places, from the last two
@@ -136,8 +136,8 @@ class Particles:
     def _step(
         self, rows: Array, costs: Array, pose: Array, left: int
     ) -> tuple[Array, Array, npt.NDArray[np.intp]]:
-        """The configurations that routes reach at the next place, the cost of each route, and the index in
-        `rows` of the configuration that the route comes from.
+        """Return the configurations that routes can reach at the next place, the cost of the cheapest route
+        to each, and the index in `rows` from which this route comes.
         """
         found = self._around(rows, costs, pose, left)
         weights = 1.0 / self._robot.limits.max_velocity

@@ -260,8 +260,8 @@ class RedundancyGraph:
 
 
 def _smooth_within(angles: Array, corridor: Array, smoothness: float, to_end: bool) -> tuple[Array, Array]:
-    """Fit a spline near angles at points with even spacing, and return its knots and control points. The
-    spline begins at the first angle and, with `to_end`, ends at the last angle.
+    """Fit a spline to angles at evenly spaced points, and return its knots and control points. The spline
+    begins at the first angle. If `to_end` is true, it ends at the last angle.
 
     Whittaker's smoothing minimises the squared distances to the angles plus squared second differences.
     Points outside the corridor, shape (2, n - 1), are moved to its edge with increasing weight.

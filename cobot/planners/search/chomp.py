@@ -197,8 +197,8 @@ def _double(points: Array) -> Array:
 
 @lru_cache(maxsize=32)
 def _spread(count: int) -> Array:
-    """A⁻¹, where A is that of the paper's equation 16 for squared accelerations. The gradient of the
-    smoothness is A q + b, therefore its covariant step is q + A⁻¹ b.
+    """The matrix A⁻¹, with A from equation 16 of the paper for squared accelerations. The gradient of the
+    smoothness is A q + b, so its covariant step is q + A⁻¹ b.
     """
     difference = _differences(count)[:, 1:-1]
     return np.asarray(np.linalg.inv(difference.T @ difference))

@@ -186,9 +186,10 @@ def _first(
     seed: int,
     most: int,
 ) -> tuple[Array | None, Array]:
-    """The first path and the goals known by then. An arm with more joints than the pose needs may have no
-    collision-free path to the first goals. If no path is found soon, more goals are therefore computed for
-    it. `most` is the maximum number of attempts to add a node; 0: no limit but the time.
+    """Find a first path. Returns the path and the goals that are known by then. An arm with more joints than
+    the pose needs may have no collision-free path to the first goals. More goals are therefore computed for
+    such an arm if no path is found soon. `most` is the maximum number of attempts to add a node. If it is 0,
+    only the time is limited.
     """
     deadline_s = time.monotonic() + request.timeout_s
     bounds = robot.limits.min_position, robot.limits.max_position

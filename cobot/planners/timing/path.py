@@ -126,7 +126,7 @@ class JointCurve:
         return self.breakpoints[pieces]
 
     def derivatives(self, places: Array) -> Array:
-        """Positions and their first three derivatives by s, shape (4, len(places), dof)."""
+        """Positions and their first three derivatives with respect to s, shape (4, len(places), dof)."""
         inside = np.minimum(np.maximum(places, 0.0), self.length)
         return pieces_at(self.breakpoints, self.coefficients, inside)
 

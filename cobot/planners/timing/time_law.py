@@ -85,7 +85,7 @@ class Timed:
 
     @property
     def progress(self) -> Trajectory:
-        """The path parameter as a one-dimensional trajectory over the same time."""
+        """The path parameter over time, as a trajectory with one dimension."""
         return self.make_progress()
 
 

@@ -58,7 +58,7 @@ def packed(points: Array, voxel_m: float) -> str:
 
 
 def tree_of(text: str, voxel_m: float) -> CloudTree:
-    """The tree of the voxels in a text of `packed`.
+    """The tree of the voxels that `packed` has written as text.
 
     Raises:
         InputError: the text is not a text of `packed`.

@@ -92,7 +92,7 @@ def _rounded_up(value: float) -> float:
 
 def joined(cells: Array, hopeless: int | None = None) -> Array:
     """Merge distinct cells of a grid, shape (n, 3), into boxes. Returns the low and the high corner of each
-    box, shape (k, 6), in cells.
+    box, shape (k, 6); the unit is one cell.
 
     The best of the six orders of the axes is used; it does not necessarily give the smallest number of boxes.
     If the first order gives more than `hopeless` boxes, the others are not tried.

@@ -72,7 +72,9 @@ class Visual(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class RobotVisuals:
-    """All entries of a manifest, and the files of their meshes by the names that the entries use."""
+    """All entries of a manifest and their mesh files. `meshes` maps the file names in the entries to
+    paths.
+    """
 
     visuals: list[Visual]
     meshes: dict[str, Path]

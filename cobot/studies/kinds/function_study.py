@@ -162,7 +162,9 @@ def _column(name: str, values: list[Any]) -> Column:
 
 
 def _load(path: Path) -> Any:
-    """Load a file that is not in a package as a module. It may import files next to it."""
+    """Load a file as a module, although it belongs to no package. The file may import other files in its
+    folder.
+    """
     spec = importlib.util.spec_from_file_location(f"study_{path.stem}", path)
     assert spec is not None
     assert spec.loader is not None

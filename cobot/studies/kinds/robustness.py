@@ -142,7 +142,9 @@ class _RobustnessKernel:
         return load.joints
 
     def _check(self, move: PlannedMove, place: Array, part: Array, run: _Outcome) -> None:
-        """Check that the TCP is at the part, whose position differs from the expected one."""
+        """Check that the TCP reaches the part at its actual position, which is offset from the expected
+        one.
+        """
         assert move.tolerance_m is not None
         error_m = float(np.linalg.norm(place - (move.goal.position + part)))
         run.error_m = max(run.error_m, error_m)

@@ -226,7 +226,9 @@ def _unwritable(path: Path, exc: OSError) -> UnavailableError:
 
 
 def _difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
-    """The first key that differs between the two documents or contents."""
+    """Describe the first key whose value differs. The keys of the document are compared first, then those of
+    the contents.
+    """
     for part in ("document", "contents"):
         for name in sorted(old[part].keys() | new[part].keys()):
             before, now = old[part].get(name), new[part].get(name)

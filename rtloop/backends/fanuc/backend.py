@@ -354,8 +354,8 @@ class FanucBackend:
         self._enabling = self._worker.begin(self._bring_up.begin)
 
     def _begin(self, command: Array) -> str:
-        """Begin commands at the arm's position. Return the reason if the arm is not close to the command,
-        otherwise "".
+        """Begin to send commands, from the position where the arm is. Return the reason if the first command
+        is too far away from this position; otherwise "".
         """
         here = self._units.to_model(self._newest.joints)
         off = np.abs(here - command)

@@ -117,8 +117,8 @@ class FriBackend:
         self._reduced.set_tool(tool)
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for the controller's next packet. Return at once if a cycle is still due for a packet that was
-        lost or has accumulated.
+        """Wait for the controller's next packet. If a packet was lost or several have accumulated, cycles are
+        still due for them, and this method returns at once.
         """
         deadline_s = self._clock() + timeout_s
         while not self._beat.due:

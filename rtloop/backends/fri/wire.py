@@ -34,8 +34,8 @@ def read_varint(data: bytes, at: int, end: int) -> tuple[int, int]:
 
 
 def fields(data: bytes, at: int, end: int) -> Iterator[tuple[int, int, int, int]]:
-    """Yield the number, the kind and two values for each field: a varint and 0, or the start and the end of
-    its data.
+    """Yield each field as four numbers: the field number, the kind, and two values. For a varint, the values
+    are the varint and 0. For data, they are the start and the end of the data.
     """
     while at < end:
         key = data[at]

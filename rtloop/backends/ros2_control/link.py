@@ -151,7 +151,9 @@ class ControllerLink(Protocol):
         ...
 
     def set_output(self, interface: str, value: float) -> None:
-        """Send the value of an interface to the driver. A later failure is in `Facts.gpio_problem`."""
+        """Send the value of an interface to the driver. If this fails later, `Facts.gpio_problem` contains
+        the reason.
+        """
         ...
 
     def pause(self, duration_s: float) -> None:

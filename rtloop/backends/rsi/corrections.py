@@ -154,8 +154,8 @@ class Corrections:
         )
 
     def settle(self, state: RobState) -> None:
-        """If the controller's own sum of relative corrections differs from this one while the arm is at rest,
-        adopt it.
+        """Adopt the controller's own sum of the relative corrections if it differs from the sum in this
+        object while the arm is at rest.
         """
         if not self._relative or self._resting * self._period_s < RESTED_S or self.reference is None:
             return
@@ -168,7 +168,7 @@ class Corrections:
 
 
 class FollowWatch:
-    """Checks that the arm follows the corrections: it must be on the part of the path that was commanded
+    """Checks that the arm follows the corrections. The arm must be on the part of the path that was commanded
     during the last `FOLLOW_S`.
 
     Attributes:

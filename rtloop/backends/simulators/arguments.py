@@ -76,7 +76,9 @@ def add_packet_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_process_options(parser: argparse.ArgumentParser, message: str) -> None:
-    """Add the options for the process that waits for messages of this name."""
+    """Add the options for the priority of a simulator and its patience. `message` names what the simulator
+    waits for.
+    """
     add, patience = parser.add_argument, within(float, 0, MAX_PATIENCE_S)
     priority_help = "real-time priority (SCHED_FIFO), 1 to 99, if permitted"
     add("--priority", type=within(int, 1, 99), metavar="P", help=priority_help)

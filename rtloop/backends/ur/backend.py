@@ -418,8 +418,9 @@ class UrBackend:
             self._torques.is_on = False
 
     def _begin(self, data: Mapping[str, Any], command: Array) -> Accepted | Rejected:
-        """Begin commands at the position at which the controller holds the arm, if the first command is near
-        it. After torque control, the arm is at rest, and only now is the controller's target valid.
+        """Begin to send commands, from the position at which the controller holds the arm. The first command
+        must be near this position. After torque control, the controller's target is valid only now, because
+        the arm is at rest.
         """
         here = self._beat.position if self._begins_at_rest else np.array(data["target_q"])
         self._begins_at_rest = False

@@ -69,14 +69,14 @@ def test_a_stored_program_may_go_to_taught_positions(tmp_path: Path) -> None:
         (REACH | {"metrik": "share"}, r"^study: unknown key 'metrik'"),
         (REACH | {"method": "fre"}, r"^study: method: "),
         (REACH | {"kind": "python", "function": "os:system"}, "kind: must be one of reach, "),
-        (REACH | {"function": "os:system"}, "function: a study of the service calls no functions"),
+        (REACH | {"function": "os:system"}, "function: a study in the service cannot call functions"),
         (
             REACH | {"robot": {"settings": "/etc/passwd"}},
             "robot: unknown key 'settings'; a study of the service",
         ),
         (REACH | {"robot": {"scene": "/etc/passwd"}}, "uses its own robot, scene and positions"),
         (REACH | {"space": {"mesh": {"file": "/etc/passwd"}, "spacing_m": 1}}, "space.mesh: a study"),
-        (CYCLE | {"program": {"file": "/etc/passwd"}}, "program: a study of the service reads no"),
+        (CYCLE | {"program": {"file": "/etc/passwd"}}, "program: a study in the service cannot read"),
         (CYCLE | {"program": {"stored": "kiste", "file": "/etc/passwd"}}, "program: "),
         (CYCLE | {"program": {"stored": "a", "moves": {"waypoints[8]": {}}}}, "unknown motion"),
         (COMPARE | {"study": {"kind": "python"}, "variants": {}}, "study.kind: must be one of"),
@@ -91,7 +91,7 @@ def test_a_stored_program_may_go_to_taught_positions(tmp_path: Path) -> None:
         ),
         (
             COMPARE | {"variants": {"a": {}, "b": {"program": {"file": "/etc/passwd"}}}},
-            "variants.b.program: a study of the service reads no files",
+            "variants.b.program: a study in the service cannot read files",
         ),
     ],
 )

@@ -125,8 +125,8 @@ class QueueSignals:
         return self._placement.times_s[move.number][0] - self._placement.offset_s
 
     def keep_rest(self, move: QueuedMove, path_time_s: float) -> None:
-        """Record that the arm has stopped at a path time of the trajectory, within a move that will be
-        planned again.
+        """Record that the arm has stopped within a move that will be planned again. `path_time_s` is where it
+        stopped on the trajectory.
         """
         at = self._placement
         placed = at.placed.get(move.number)

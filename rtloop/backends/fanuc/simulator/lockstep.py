@@ -94,7 +94,7 @@ class FanucLockStep:
             self.step()
 
     def connect(self, port: int, timeout_s: float) -> RmiLines:
-        """Return the lines of the Remote Motion Interface on this port."""
+        """Open a connection to a port of the Remote Motion Interface. Returns its lines of text."""
         if self.off:
             raise TimeoutError("timed out")
         if port == SESSION_PORT:

@@ -24,8 +24,8 @@ WORDS = {LimitRate.VELOCITY: "velocity", LimitRate.ACCELERATION: "acceleration",
 
 
 def table_of(limits: JointLimits, per_unit: Array, share: float, max_speed: int) -> LimitsTable:
-    """Make a limits table in which the limits at full payload and maximum speed are the given share of the
-    arm's limits.
+    """Make a limits table. At full payload and maximum speed, its limits are `share` times the arm's
+    limits.
     """
     table = LimitsTable(limits.dof)
     speeds = np.linspace(1.0 / TIGHTEST_SPEED, 1.0, THRESHOLDS)

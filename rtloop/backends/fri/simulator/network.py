@@ -19,7 +19,7 @@ class FriNetwork(Network):
         self._known: MonitoringMessage | None = None
 
     def spoil_packet(self, packet: bytes) -> bytes:
-        """Return the packet as it arrives at the client."""
+        """Return the packet with its measured values changed as `spoil` requires."""
         message = decode_monitoring(packet) if self.spoil else None
         if not isinstance(message, MonitoringMessage):
             self._known = None
