@@ -226,7 +226,7 @@ def require_no_files(part: dict[str, Any], place: str = "") -> None:
         for key in robot:
             if key not in OF_THE_ROBOT:
                 raise InputError(
-                    f"{place}robot: unknown key {shown(key)}; a study of the service uses its own robot, "
+                    f"{place}robot: unknown key {shown(key)}; a study in the service uses its own robot, "
                     f"scene and positions; valid names: {', '.join(OF_THE_ROBOT)}"
                 )
     for name in ("space", "targets"):

@@ -72,7 +72,7 @@ def test_a_stored_program_may_go_to_taught_positions(tmp_path: Path) -> None:
         (REACH | {"function": "os:system"}, "function: a study in the service cannot call functions"),
         (
             REACH | {"robot": {"settings": "/etc/passwd"}},
-            "robot: unknown key 'settings'; a study of the service",
+            "robot: unknown key 'settings'; a study in the service",
         ),
         (REACH | {"robot": {"scene": "/etc/passwd"}}, "uses its own robot, scene and positions"),
         (REACH | {"space": {"mesh": {"file": "/etc/passwd"}, "spacing_m": 1}}, "space.mesh: a study"),
