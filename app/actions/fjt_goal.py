@@ -239,8 +239,8 @@ def _retimed(times: Array, index: int) -> str:
 
 
 def hermite_accelerations(times_s: Array, positions: Array, velocities: Array) -> Array:
-    """Calculate the accelerations of points that have velocities, from cubics between the points. Shape: (n,
-    dof).
+    """Calculate the accelerations at points whose velocities are known. They result from the cubics between
+    the points. Shape: (n, dof).
 
     Where two cubics meet, the result is the mean of their accelerations, because the acceleration of a cubic
     Hermite spline jumps there. At both ends the acceleration is 0, because the arm is at rest there.

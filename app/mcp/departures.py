@@ -73,8 +73,8 @@ async def _watch(receive: Receive, gone: asyncio.Event) -> None:
 
 
 def _key(scope: Scope, request_id: Any) -> Key:
-    """Return the key of a request: its client, the client's computer and the request's number. There is no
-    session that could identify it.
+    """Return the key of a request: its client, the client's computer and the request's number. These must be
+    enough, because there is no session.
     """
     client = client_of(scope)
     return client.name, client.address, str(request_id)

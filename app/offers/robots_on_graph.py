@@ -71,8 +71,8 @@ def _warn(rosout: Publisher, clock: Clock, text: str) -> None:
 
 
 async def _take_control(services: Services, request: Message) -> Message:
-    """Take control for the client that sends true, until it disconnects or the lease expires. Release control
-    if the client sends false.
+    """Give control to the client if it sends true. It keeps control until it disconnects or the lease
+    expires. If the client sends false, release control.
     """
     success, message = await services.control.set_control(request["data"])
     return {"success": success, "message": message}

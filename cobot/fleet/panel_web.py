@@ -373,7 +373,8 @@ def _headers_of(head: PanelHead, place: str) -> dict[str, str]:
 
 
 async def _end_with_browser(request: Request, work: Coroutine[Any, Any, None]) -> None:
-    """Do the work until the browser disconnects, and then make the cell end the request.
+    """Forward a request. If the browser disconnects before the cell has answered, make the cell end the
+    request.
 
     With `web.stop_on_disconnect`, the cell also ends the motion, as it does for browsers that are connected
     to the cell directly.

@@ -211,7 +211,7 @@ def _store(chosen: argparse.Namespace) -> FleetRecordingStore | None:
 
 
 def _require_protected(listen: list[str], host: str, folder: Path | None) -> None:
-    """Check that no other computer can reach a hub without certificates.
+    """Check that a hub without certificates cannot be reached from other computers.
 
     Raises:
         ConfigError: another computer could reach it, or an address is invalid.

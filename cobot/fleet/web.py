@@ -154,7 +154,9 @@ class People:
 
 
 class LimitedBody:
-    """Rejects bodies that are too large before they are read into memory. A body is read before the token."""
+    """Rejects bodies that are too large before they are read into memory. This is needed because a body is
+    read before the client's token is checked.
+    """
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

@@ -71,8 +71,8 @@ class DigitalOptions(GripperOptions):
 
 
 class DigitalGripper(TwoPositions):
-    """The driver for such a gripper, see the module. With two outputs (a valve with two coils) exactly one of
-    them is on. A single output is on or off.
+    """The driver for a gripper that digital outputs open and close. If there are two outputs (a valve with
+    two coils), exactly one of them is on.
 
     Without inputs a command is considered finished after `close_time_s` or `open_time_s`. With
     `opened_input`, it is a fault if opening takes three times as long. With `closed_input`, the fingers hold

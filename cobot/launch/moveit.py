@@ -235,8 +235,8 @@ def joint_limits(robot: RobotDescription) -> dict[str, Any]:
 
 
 def controllers(robot: RobotDescription) -> dict[str, Any]:
-    """The controllers. MoveIt calls the action `controller/action_ns`, so the robot's name is used as the
-    controller name.
+    """MoveIt's settings for its controllers. MoveIt calls the action `controller/action_ns`, so the robot's
+    name is used as the controller name.
     """
     action = {
         "type": "FollowJointTrajectory",
@@ -253,7 +253,7 @@ def controllers(robot: RobotDescription) -> dict[str, Any]:
 
 
 def planning(group: str, adapters: Mapping[str, Any]) -> dict[str, Any]:
-    """The OMPL pipeline.
+    """MoveIt's settings for the OMPL pipeline.
 
     Args:
         adapters: names of the pipeline's plugins, which differ between Humble and later releases.

@@ -36,7 +36,7 @@ s.
 
 @dataclass(frozen=True, slots=True)
 class StopRequest:
-    """A stop that rtloop has been asked to make.
+    """A request to rtloop to stop the arm.
 
     Attributes:
         count: the counter that rtloop reports once it has noticed the stop.

@@ -154,9 +154,7 @@ class Line:
 
 
 def separated(text: bytes) -> list[bytes]:
-    """The separate lines in a piece of output, because a process may write one line into the middle of
-    another.
-    """
+    """Split a piece of output into its lines. A line may begin in the middle of another process's line."""
     first, *others = text.split(RECORD_SEPARATOR)
     return [*([first] if first.strip() else []), *(RECORD_SEPARATOR + other for other in others)]
 

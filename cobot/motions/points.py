@@ -91,7 +91,8 @@ def labels_of(points: Sequence[Waypoint], dof: int) -> list[str]:
 
 
 def require_size(points: Sequence[Waypoint], labels: list[str]) -> None:
-    """Check that no number exceeds `MAX_NUMBER`, even if the limits are not checked.
+    """Check that no number exceeds `MAX_NUMBER`. This also applies to motions for which the limits are not
+    checked.
 
     Raises:
         InputError: a number exceeds it; the message names the first point with such a number.
@@ -107,7 +108,7 @@ def require_size(points: Sequence[Waypoint], labels: list[str]) -> None:
 
 
 def require_order(times: Array, labels: list[str]) -> None:
-    """Check that times are within 0 to `MAX_TIME_S` and increase by at least `MIN_INTERVAL_S`.
+    """Check that times are from 0 to `MAX_TIME_S` s and increase by at least `MIN_INTERVAL_S` s.
 
     Raises:
         InputError: a time violates this; the message names the first point with such a time.

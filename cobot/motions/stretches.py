@@ -13,7 +13,7 @@ from cobot.types import CartesianLimits, JointLimits
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """A motion from rest to rest, with the limits that it was planned with.
+    """A motion from rest to rest, and the limits with which it was planned.
 
     Attributes:
         tcp: TCP limits; None if the TCP has no limits.

@@ -94,8 +94,8 @@ def _least(robot: RobotDescription, start: Array) -> tuple[Array, Array]:
 
 
 def exits(robot: RobotDescription, start: Array) -> list[Array]:
-    """Collision-free joint angles within the limits, nearest first, found by pushing the arm out from around
-    the start.
+    """Find collision-free joint angles within the limits, nearest first. They are found by pushing the arm
+    out of collision, from `start` and from random angles around it.
     """
     wanted_m, random = robot.collision.margin_m + SPARE_M, np.random.default_rng(1)
     limits = robot.limits
@@ -115,8 +115,8 @@ def _by_distance(found: list[Array], start: Array) -> list[Array]:
 
 
 def _pushed_out(robot: RobotDescription, start: Array, begin: Array, wanted_m: float) -> list[Array]:
-    """The collision-free joint angles nearest to `start`, by successive linearisation from `begin`; [] if it
-    fails.
+    """Search for the collision-free joint angles nearest to `start`, by successive linearisation that begins
+    at `begin`. Returns a list with the result, or [] if the search fails.
     """
     limits, clearance, joints = robot.limits, robot.collision.clearance, begin
     for _ in range(STEPS):

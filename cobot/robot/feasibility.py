@@ -106,7 +106,7 @@ def _worst_share(trajectory: Trajectory, derivative: int, segment: int, joint: i
 
 
 def _keeps(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> bool:
-    """Whether all limits hold. Uses the exact extrema of all pieces."""
+    """Whether a motion stays within all limits. This is checked with the exact extrema of all its pieces."""
     rates = np.array([limits.max_velocity, limits.max_acceleration, limits.max_jerk]) * (1.0 + tolerance)
     durations = np.diff(trajectory.breakpoints_s)
     if not (greatest_rates(trajectory.coefficients, durations, rates[:, None]) <= rates[:, None]).all():

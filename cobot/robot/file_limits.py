@@ -24,7 +24,8 @@ TOLERANCE = 1e-4
 
 
 def check_velocities(file: Path, mj: mujoco.MjModel, limits: JointLimits) -> None:
-    """Reject velocity limits beyond those in the model's file. A file without velocities allows any.
+    """Reject velocity limits above those in the model's file. If the file contains no velocities, any limit
+    is allowed.
 
     Raises:
         ConfigError: a velocity limit is too high; the message names the joint, both velocities and a remedy.

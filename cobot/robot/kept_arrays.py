@@ -23,7 +23,7 @@ class KeptArrays:
         self._lock = Lock()
 
     def get(self, key: Hashable, make: Callable[[], npt.NDArray[Any]]) -> npt.NDArray[Any]:
-        """The array with this key, which `make` returns if it is not kept."""
+        """Return the array with this key. If it is not in the cache, `make` is called to make it."""
         with self._lock:
             found = self._kept.get(key)
             if found is not None:

@@ -101,8 +101,8 @@ class ProgramWatch:
         self.wait(lambda: time.monotonic() >= deadline_s, min(seconds, threading.TIMEOUT_MAX))
 
     def poll(self, instructions: int) -> tuple[bytes, bool] | None:
-        """Count instructions. Returns None, or the reason why the program must end and whether its message
-        needs the line.
+        """Count instructions. If the program must end, returns the reason, and whether the message needs the
+        line number; otherwise None.
         """
         if self.reason:
             return self.reason.encode(), False

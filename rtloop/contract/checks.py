@@ -223,7 +223,7 @@ def entry(cell: CheckedBackend) -> str:
 
 
 def require_entry(cell: CheckedBackend, driver: Driver, before: int) -> None:
-    """Check that the first command after the first `before` commands equals the measured position. Raises
+    """Check that the command that follows the first `before` commands equals the measured position. Raises
     ContractError if it differs.
     """
     command, measured = driver.first_command(before)

@@ -96,7 +96,7 @@ class RobotPort:
         return self._point(name).value
 
     def set(self, name: str, value: float) -> None:
-        """See `IoPort`. The output is sent when the driver's method returns."""
+        """Set an output, as `IoPort` describes. The value is sent when the driver's method returns."""
         try:
             require_number(output_of([self._point(name)], name), value)
         except CobotError as exc:
@@ -261,7 +261,9 @@ class GripperWorker:
         return problem, None, reported
 
     async def _in_thread(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        """Run a function in the driver's thread. While it hangs, `problem` reports this."""
+        """Run a function in the driver's thread. If the function hangs, `problem` reports this until it
+        returns.
+        """
         self._calling_since_s = self._link.clock.now_s()
         try:
             return await asyncio.get_running_loop().run_in_executor(self._thread, function, *arguments)

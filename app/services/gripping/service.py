@@ -286,7 +286,9 @@ class GripperService:
         return replace(state, object=HeldObject.LOST) if self._lost else state
 
     def _look(self, reading: Reading) -> None:
-        """Evaluate a new reading: progress of a command, or an object that is held, released or lost."""
+        """Evaluate a new reading. It may show the progress of a command, or that an object is held, released
+        or lost.
+        """
         if self._running is not None:
             self._running.news.set()
         for tell in self.on_reading:

@@ -166,8 +166,8 @@ class SceneService:
         return edit
 
     def put_frame(self, name: str, pose: Numbers7, frame: str) -> Edit:
-        """Add or move a named frame. `pose` is relative to the current pose of `frame`. The named frame does
-        not move if `frame` is moved later.
+        """Add or move a named frame. `pose` is its pose relative to `frame` now. If `frame` is moved later,
+        the named frame stays where it is.
         """
         self._require_own_name(name)
 
@@ -289,8 +289,9 @@ class SceneService:
             return await self._take_over(scene)
 
     async def _take_over(self, scene: Scene) -> Changed:
-        """Apply a scene. If an object is in the current path, a path around the object is sought while the
-        scene is checked and stored. This path is sent to the real-time loop once the scene is in use.
+        """Apply a scene. If an object is in the current path, a planning process searches for a path around
+        the object while the scene is checked and stored. The new path is sent to the real-time loop once the
+        scene is in use.
         """
         remaining, in_force, leading = self._find_remaining(), asyncio.Event(), None
         way = await self._seek_way(remaining, scene)

@@ -103,7 +103,7 @@ class SignalFollower:
 
     @property
     def settled(self) -> frozenset[int]:
-        """Numbers of the actions that are known to have fired or were rejected."""
+        """Numbers of the actions that are known to have fired or to have been rejected."""
         return frozenset(number for number, result in self._results.items() if result.path_time_s is not None)
 
     def continue_with(self, placed: Placed, motion_id: int, begin_s: float) -> None:
@@ -135,7 +135,9 @@ class SignalFollower:
             self._contact = _contact(report.met, self._begin_s)
 
     def rest(self, tcp: Array) -> None:
-        """End, because the motion has ended and the TCP is at rest at `tcp`, shape (7,)."""
+        """Stop following the signals. Called when the motion has ended and the TCP is at rest at `tcp`, shape
+        (7,).
+        """
         self.look()
         self.note_rest(tcp)
         self.end()

@@ -250,7 +250,7 @@ class Ownership:
         )
 
     async def await_free(self, token: str | None) -> None:
-        """Wait for `before_motion`, then check that a motion with this token may begin; see
+        """Wait for `before_motion`. Then check that the holder of this token may begin a motion; see
         `require_free`.
         """
         await self.before_motion()

@@ -349,7 +349,7 @@ class Commands:
 
 
 def loading_s(segments: int, period_s: float) -> float:
-    """Return the maximum time that rtloop takes to load a motion, s. On a busy computer, half of the cycles
-    may be missed.
+    """Return the maximum time that rtloop needs to load a motion, s. It includes a reserve, because a busy
+    computer may miss half of the cycles.
     """
     return 2.0 * period_s * segments / LOADED_SEGMENTS

@@ -174,7 +174,9 @@ class Participant:
             return replace(self._wire.statistics)
 
     def record_in(self, participant_record: ParticipantRecord) -> None:
-        """Record the data that a successor needs to announce the end of this participant if it is killed."""
+        """Record the data with which a successor can announce the end of this participant. The successor
+        needs them if this process is killed.
+        """
         with self._lock:
             interfaces = [str(interface.ip) for interface in self._wire.interfaces]
             participant_record.write(self.guid, self._domain_id, interfaces, self._wire.told_one_by_one)

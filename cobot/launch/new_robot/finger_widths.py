@@ -105,7 +105,7 @@ class Linkage:
         self._data = mujoco.MjData(self._mj)
 
     def turn(self, angle: float) -> None:
-        """Turn the first joint to an angle, rad. All other joints turn with it."""
+        """Turn the first joint of the fingers to an angle, rad. All other joints move accordingly."""
         for each in self._joints:
             self._data.joint(each.name).qpos[0] = each.offset + each.ratio * angle - self._rest[each.name]
         mujoco.mj_kinematics(self._mj, self._data)

@@ -146,7 +146,9 @@ class _Choice:
         self._options = [self._values(index) for index in range(robot.dof)]
 
     def _values(self, index: int) -> list[float]:
-        """The values that a person would choose for a joint, the reference first."""
+        """The values that a person might choose for a joint. The value nearest to the joint's reference is
+        listed first.
+        """
         low, high = float(self._limits.min_position[index]), float(self._limits.max_position[index])
         room = min(MAX_ROOM, ROOM_SHARE * (high - low))
         reference = float(self._robot.mj.qpos0[index])

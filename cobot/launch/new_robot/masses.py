@@ -269,7 +269,9 @@ class _Settling:
         )
 
     def _report_bounds(self) -> None:
-        """Report the bounds on masses and inertias in the file. MuJoCo applies them when it compiles."""
+        """Report the file's bounds on masses and inertias, which MuJoCo applies when it compiles the
+        model.
+        """
         compiler = self._spec.compiler
         for what, bound, unit in (
             ("masses", compiler.boundmass, "kg"),

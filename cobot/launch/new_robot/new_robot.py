@@ -242,7 +242,7 @@ class NewRobot:
         return semantics, tree, find_arm(self.file, root, spec, tree, self.tcp)
 
     def _semantics(self, root: Element, spec: mujoco.MjSpec, tree: JointTree, files: Tree) -> Semantics:
-        """The data in the SRDF. Without an SRDF, they contain the joints that the user has named."""
+        """The data in the SRDF. If no SRDF is given, they contain only the joints that the user has named."""
         if self.srdf is None:
             if self.group is not None:
                 raise ConfigError("--group chooses a group of an SRDF; also give the SRDF, with --srdf FILE")

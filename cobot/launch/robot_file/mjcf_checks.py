@@ -119,7 +119,9 @@ def _check_finite(file: Path, element: Element) -> None:
 
 
 def _product(file: Path, element: Element, attribute: str) -> int:
-    """The product of the whole numbers in an attribute, at most three; 1 if the attribute is empty."""
+    """The product of the whole numbers in an attribute. At most three numbers are used. 1 if the attribute is
+    missing.
+    """
     text = element.get(attribute, "1")
     try:
         return math.prod(max(1, int(float(word))) for word in text.split()[:3])

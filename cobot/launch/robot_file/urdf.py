@@ -113,8 +113,8 @@ def _strip(root: Element) -> None:
 
 
 def _apply_meshdir(file: Path, root: Element) -> None:
-    """Replace the names of meshes by their paths in the compiler's `meshdir`, as MuJoCo does. Without
-    `strippath="false"`, only the last part of a name is used.
+    """Replace the names of meshes by their paths in the compiler's `meshdir`, as MuJoCo does. Unless the file
+    contains `strippath="false"`, only the last part of each name is used.
     """
     compiler = root.find("mujoco/compiler")
     folder = "" if compiler is None else compiler.get("meshdir") or compiler.get("assetdir") or ""

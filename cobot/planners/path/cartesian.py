@@ -175,8 +175,8 @@ def _plan_redundancy(
 
 
 def free_share(robot: RobotDescription, start: Array, path: TcpPath) -> float:
-    """The share of a path up to which joints continue from `start` with no collision at the even places. This
-    is a quick estimate, not a proof.
+    """The share of a path that the joints can follow from `start` without a collision. Collisions are only
+    checked at evenly spaced places, so this is a quick estimate, not a proof.
     """
     simple = share_along(robot, start, path)
     if robot.model.kinematics(path.free).arm_angle is None:

@@ -95,8 +95,8 @@ def _starts(
 def _optimise(
     robot: RobotDescription, corners: Array, least_iterations: int, deadline_s: float, timeout_s: float
 ) -> tuple[Array | None, CollisionError | None]:
-    """A collision-free polyline that begins and ends like `corners`. Shape: (n, dof). If the search fails,
-    None and the obstacle.
+    """Search for a collision-free polyline that begins and ends like `corners`. Returns the polyline, shape
+    (n, dof), and None. If the search fails, returns None and the error that names the obstacle.
 
     Raises:
         PlanningTimeout: see `plan_chomp`.

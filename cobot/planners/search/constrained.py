@@ -151,7 +151,7 @@ class _Steps:
         return time.monotonic() >= self._end_s
 
     def _draw_target(self, tree: _Tree) -> Array:
-        """A configuration for this tree to grow towards."""
+        """Draw the configuration towards which this tree grows next."""
         low, high = self._held.low, self._held.high
         if self._random.random() >= NEARBY:
             return self._random.uniform(low, high)

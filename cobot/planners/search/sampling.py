@@ -124,8 +124,8 @@ def _connect(
     request: MotionRequest,
     attempts: int,
 ) -> Array | None:
-    """The first path if it is close to the direct path. Otherwise the shortest of several paths and of their
-    combination, see `without_detours`.
+    """Return the first path if it is close to the direct path. Otherwise, search for more paths, and return
+    the shortest of them and of their combination; see `without_detours`.
 
     If the searches of a round find no path, this round is the last one.
     """

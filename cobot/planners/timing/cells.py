@@ -18,8 +18,8 @@ MIDDLE = 0.5
 
 
 def basis(x: float) -> Array:
-    """A quadratic B-spline and its two derivatives at `x`, one column for each control point of the cell,
-    shape (3, 3).
+    """The values of a quadratic B-spline at `x` and its two derivatives. There is one column for each of the
+    cell's three control points, shape (3, 3).
     """
     return np.array(
         [
@@ -69,8 +69,8 @@ AT_NODES = np.stack([basis(0.5 + node)[0] for node in NODES], axis=1)
 
 
 def cubic_basis(x: float) -> Array:
-    """A cubic B-spline and its three derivatives at `x`, one column for each of the cell's four control
-    points, shape (4, 4).
+    """The values of a cubic B-spline at `x` and its three derivatives. There is one column for each of the
+    cell's four control points, shape (4, 4).
     """
     y = 1.0 - x
     return np.array(

@@ -97,7 +97,7 @@ def course_of(
 def through(
     points: Sequence[Waypoint], start: Array, limits: JointLimits, start_tolerance_rad: float
 ) -> tuple[Trajectory, list[str]]:
-    """Quintics through the points at their times, from rest to rest.
+    """Quintics that pass through the points at the points' times. The motion begins and ends at rest.
 
     If the first point is at time 0, it must be the arm's current position. A small offset is blended out over
     the first points. If the first time is later, the current position is added as a point at time 0. If a

@@ -87,7 +87,7 @@ class JointCurve:
 
     @classmethod
     def of_trajectory(cls, trajectory: Trajectory) -> JointCurve:
-        """The path of a motion without stops, over its length in joint space.
+        """The path of a motion that does not stop, as a curve over its length in joint space.
 
         It passes at least `POINTS_ALONG` points of the motion at equal steps of this length.
         """

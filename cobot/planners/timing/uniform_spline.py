@@ -71,8 +71,8 @@ def spline_at(control: Array, step_s: float, times_s: Array) -> tuple[Array, Arr
 
 
 def moving_average(values: Array, count: int) -> Array:
-    """The moving average over `count` rows, as if the values were at rest before the first and after the last
-    row. It has `count` - 1 rows more than the values.
+    """The moving average over `count` rows. It begins as if the first value had been constant before, and
+    ends as if the last value stayed constant. It has `count` - 1 rows more than `values`.
 
     If the differences of the values are within bounds, those of the average are too. Differences of one order
     higher are divided by `count`.

@@ -67,8 +67,8 @@ def tree_of(text: str, voxel_m: float) -> CloudTree:
 
 
 def boxes_of(text: str, voxel_m: float, room: int = MAX_SOLIDS) -> tuple[Array, float]:
-    """At most `room` boxes that cover the voxels, shape (k, 6), and the distance by which boxes may extend
-    beyond the voxels. All values are in m.
+    """Boxes that cover the voxels, at most `room` of them, shape (k, 6). Also returns the distance by which
+    the boxes may extend beyond the voxels. All values are in m.
 
     If the voxels can be joined to at most `room` boxes, the boxes are exact and the second value is 0 m.
     """

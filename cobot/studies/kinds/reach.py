@@ -35,7 +35,8 @@ Indices = npt.NDArray[np.int64]
 
 
 class ReachStudy(Study):
-    """Finds the places that an arm reaches with its TCP, and the share of orientations at each.
+    """Determines which places an arm can reach with its TCP, and in what share of the orientations it can
+    reach each place.
 
     Attributes:
         metric: the result that colours the map.

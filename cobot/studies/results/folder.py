@@ -146,8 +146,8 @@ class ResultsFolder:
             raise ConfigError(f"{path}: is not the manifest of a study: {exc}") from exc
 
     def study(self) -> Study:
-        """The study whose results are in this folder. It is needed to compute the answer. The files from
-        which the study was made are no longer needed.
+        """The study whose results are in this folder, as needed to compute the answer. It is read from the
+        manifest, so the original files are not needed.
         """
         return study_of(self.manifest()["document"], self.path, str(self.path / MANIFEST))
 
@@ -170,8 +170,8 @@ class ResultsFolder:
             raise _unwritable(path, exc) from exc
 
     def chunks(self, begin: int = 0, end: int = MAX_TASKS) -> list[ChunkFile]:
-        """The finished chunks whose first task is from `begin` up to `end`, in order and without overlaps.
-        Damaged files are removed.
+        """The finished chunks whose first task is at least `begin` and below `end`, in order and without
+        overlaps. Damaged files are removed.
         """
         found: list[ChunkFile] = []
         with contextlib.suppress(FileNotFoundError):

@@ -53,7 +53,7 @@ def add_client(parser: argparse.ArgumentParser, port: int) -> None:
 
 
 def add_packet_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options for packet faults, and for the process that sends the packets."""
+    """Add the options for faults in packets, and for the simulator that sends the packets."""
     add = parser.add_argument
     share = within(float, 0, 1)
     add("--loss", type=share, default=0.0, metavar="SHARE", help="share of packets that are lost, 0 to 1")

@@ -253,7 +253,9 @@ class UrController:
         self._check_free_motion("was moved by torques")
 
     def _check_free_motion(self, what: str) -> None:
-        """Use the measured position and velocity as the current motion, and stop it if it exceeds a limit."""
+        """Check the arm while it moves freely: take over its measured velocity, and trigger a protective stop
+        if it is beyond a limit.
+        """
         measured, limits = self.arm.measured, self.arm.limits
         self._velocity, self._acceleration = measured.velocity.copy(), np.zeros(AXES)
         past = np.maximum(limits.min_position - measured.position, measured.position - limits.max_position)

@@ -191,8 +191,8 @@ class UrServer:
             self._sent_s = None
 
     def _needs_command(self) -> ProgramStream | None:
-        """Return the program that still needs a command for the newest data package. Before its first
-        command, a program needs none.
+        """Return the program if it must still send a command for the newest data package; otherwise None. No
+        command is expected from a program that has not sent its first one.
         """
         program = self._program
         if self.silent or self._sent_s is None or program is None or program.is_closed:
