@@ -139,7 +139,7 @@ class Reloading:
         return read.answer
 
     def processes(self) -> dict[str, ProcessState]:
-        """Return the supervisor's processes by name; empty without a supervisor."""
+        """Return the supervisor's processes by name; empty if there is no supervisor."""
         return {} if self._running is None else self._running.processes()
 
     def begin(self) -> None:

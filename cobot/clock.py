@@ -29,7 +29,7 @@ class Clock(Protocol):
     """A source of the current time."""
 
     def now_ns(self) -> int:
-        """Time on CLOCK_MONOTONIC, which stamps in shared memory use, in ns."""
+        """Time on CLOCK_MONOTONIC, in ns. Time stamps in shared memory use this clock."""
         ...
 
     def now_s(self) -> float:

@@ -67,7 +67,7 @@ def mesh_shape(
 
 
 def file_beside(folder: Path, name: str) -> Path:
-    """The file that a cell file names by a path relative to its folder.
+    """The file at a path that a cell file contains. The path is relative to the folder of the cell file.
 
     Raises:
         ConfigError: the file is missing, or outside the folder.

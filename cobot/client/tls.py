@@ -97,7 +97,7 @@ def token_from_environment() -> str | None:
 
 
 def token_header(token: str | None) -> dict[str, str]:
-    """The HTTP header with an access token; empty without a token.
+    """The HTTP header that contains the access token; empty if no token is given.
 
     Raises:
         InputError: the token contains characters that are not allowed in a token or in a header.

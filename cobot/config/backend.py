@@ -71,7 +71,7 @@ def _gripper_section(value: object, info: ValidationInfo) -> object:
 
 
 def _as_in_a_file(section: BackendSection | None) -> object:
-    """The complete section including its folder, so that a file in a different folder can contain it."""
+    """The section with its absolute folder, as another file could contain it even in a different folder."""
     if section is None or not section.options:
         return section and section.type
     return {"type": section.type, "folder": str(section.folder), **section.options}

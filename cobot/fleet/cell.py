@@ -163,7 +163,7 @@ class FleetCell:
         return None
 
     def _connect(self) -> bool:
-        """Whether the hub is connected. The first connection is tried until it succeeds."""
+        """Return whether the hub is connected. If no connection has been made yet, try to make one."""
         if self._session is None:
             try:
                 self._session = open_cell(self._fleet.connect, self._fleet.certificates)
@@ -399,7 +399,7 @@ def _unproven(who: str) -> str:
 
 
 def _give(query: zenoh.Query, *, key: str, answer: Callable[[bytes], bytes]) -> None:
-    """Answer a query. If that is impossible, the query gets no answer."""
+    """Answer a query. If no answer can be made or sent, the querier gets none."""
     with query:
         try:
             query.reply(key, answer(bytes(query.payload or b"")))

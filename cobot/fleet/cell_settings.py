@@ -68,7 +68,7 @@ class CellSettings:
 
     @property
     def active(self) -> str:
-        """The bundle with the settings that are in force, or will be after a restart; "" without a bundle."""
+        """The bundle whose settings are in force, or will be after a restart; "" if there is none."""
         try:
             return self._link.readlink().name
         except OSError:

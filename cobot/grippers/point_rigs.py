@@ -99,7 +99,9 @@ class HandRig(PointRig):
 
 
 class DigitalRig(PointRig):
-    """Simulated fingers, driven by one or two valves with a delay, with sensors at both ends."""
+    """Simulated fingers. One or two valves drive them after a delay, and sensors report that they are fully
+    open or closed.
+    """
 
     def __init__(self, options: DigitalOptions) -> None:
         self._options = options

@@ -71,12 +71,12 @@ def user_of(robot: str, role: MemoryRole) -> int:
 
 
 def add_user(path: Path) -> None:
-    """Add one to the number of open memories of a file in this process."""
+    """Record that this process has opened a memory in this file."""
     _users[path] += 1
 
 
 def remove_user(path: Path) -> None:
-    """Subtract one from the number of open memories of a file in this process. Call `close_file`
+    """Record that this process has closed a memory that it had opened in this file. Call `close_file`
     afterwards.
     """
     _users[path] -= 1

@@ -98,8 +98,8 @@ class RecordingMemory:
     def create(
         cls, robot: str, dof: int, period_s: float, ring_s: float, joint_names: Sequence[str]
     ) -> RecordingMemory:
-        """Create the file, and remove the file of a killed run. Only the owner of the robot's memory may call
-        this.
+        """Create the file. A file that a killed run has left is removed first. Only the owner of the robot's
+        memory may call this.
 
         Raises:
             SharedMemoryError: there is no space in /dev/shm, or no permission.

@@ -204,7 +204,7 @@ class RobotMemory:
 
     @classmethod
     def create(cls, robot: str, dof: int, period_s: float, capacity: int, url: str = "") -> RobotMemory:
-        """Create the file of a robot, and remove the file of a killed run.
+        """Create the memory file of a robot. A file that a killed run has left is removed first.
 
         Args:
             url: address of the robot's service, for local clients; "" if there is no service.

@@ -13,7 +13,7 @@ COMMANDS = ("record", "plot", "replay")
 
 
 def add_parsers(commands: Any) -> None:
-    """Add the commands."""
+    """Add the commands `cobot record`, `plot` and `replay`."""
     service = service_options(as_json=False)
     record = commands.add_parser("record", help="record the motion of the robot")
     actions = record.add_subparsers(dest="action", metavar="ACTION", required=True)

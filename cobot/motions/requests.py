@@ -33,7 +33,7 @@ from cobot.types import (
 
 @dataclass(frozen=True, slots=True)
 class Arc:
-    """An arc that is defined without a point on it.
+    """An arc that is defined by its centre, not by a point that it passes through.
 
     Attributes:
         centre: centre of the arc in the base frame, shape (3,), m.

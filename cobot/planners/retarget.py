@@ -175,7 +175,7 @@ def _joined(
     slowing: Trajectory,
     following: Trajectory,
 ) -> Trajectory:
-    """Both motions as one that passes all checks.
+    """Join the motion that slows down and the motion that follows it into one motion that passes all checks.
 
     The second begins as early as limits and collisions permit; with constraints it begins at rest. Once the
     first motion has ended, the sum equals the second. If `plan` has just checked the second motion, that part

@@ -18,7 +18,7 @@ from cobot.types import Array, Numbers7
 
 
 class Carrier:
-    """The body that carries the tool, and the properties of this body without a tool.
+    """The body that carries the tool, and the properties that this body has when no tool is attached.
 
     Attributes:
         tcp_in_flange: the TCP of the model file in the flange's frame.

@@ -260,8 +260,8 @@ def clouds_in(mj: mujoco.MjModel, scene: Scene) -> dict[int, CloudTree]:
 
 
 def _fill_with_cloud(body: mujoco.MjsBody, tree: CloudTree) -> None:
-    """Add a box around all voxels, and a box of the size of one voxel. `Clearance` moves the latter to each
-    voxel.
+    """Add a box around all voxels, and a box that is as large as one voxel. `Clearance` moves the second box
+    to each voxel in turn.
 
     Without a contact type, MuJoCo would discard the voxel from the model of a URDF. Code that lists the pairs
     must therefore leave it out.

@@ -21,7 +21,7 @@ def gripper_states(robot: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class FingerState:
-    """Both fingers at one moment.
+    """The state of a gripper's two fingers.
 
     Attributes:
         width: width between the fingers, m.

@@ -129,8 +129,8 @@ class Program:
             raise InputError(f"from_json: not valid JSON: {exc}") from exc
 
     def _move(self, *targets: object) -> None:
-        """Move through waypoints, as in a sequence file. The arm passes waypoints with a radius without a
-        stop.
+        """Move through waypoints, as in a sequence file. The arm does not stop at waypoints that have a
+        radius.
         """
         sequence = sequence_of({"waypoints": [plain(target, "the target") for target in targets]})
         for chain in groups(sequence.waypoints):

@@ -12,7 +12,9 @@ from cobot.logs.lines import Line
 
 
 class _LogEvents(logging.Handler):
-    """A log handler that publishes log lines as events. Any thread may use it. `Events` limits their rate."""
+    """A log handler that publishes log lines as events. Any thread may use it. `Events` limits the rate of
+    these events.
+    """
 
     def __init__(self, events: Events) -> None:
         super().__init__(logging.WARNING)

@@ -82,7 +82,7 @@ class Plan:
 
     @property
     def effects(self) -> list[str]:
-        """Descriptions of the effects of the plan other than the arm's motion."""
+        """Descriptions of what the plan does in addition to moving the arm."""
         own = [] if self.gripper is None else [self.gripper.words]
         return own + [each.action.words for each in self.signals.actions if not each.action.event]
 

@@ -81,7 +81,7 @@ class JogLimits:
             vector(joints, self._robot.limits.dof, name="joints")
 
     def wanted(self, joints: Array | None, twist: Array | None, position: Array) -> LimitedVelocity:
-        """Calculate the joint velocities for a request, reduced to the speed limits.
+        """Calculate the joint velocities for a request. If they exceed a speed limit, they are reduced.
 
         Args:
             joints: see `JogCommand`.

@@ -19,7 +19,9 @@ _MAX_REPAIRED = 8  # incomplete samples whose fragments are requested at once
 
 @dataclass(slots=True)
 class Arrival:
-    """A complete sample before it becomes a `Sample`. `payload` is None for a sample without a payload."""
+    """A complete sample that has not been made into a `Sample` yet. `payload` is None if it has no
+    payload.
+    """
 
     payload: bytes | None
     inline: Parameters | None

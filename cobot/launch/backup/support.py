@@ -58,7 +58,7 @@ def make_bundle(settings: Settings, live: Mapping[str, bytes]) -> bytes:
 
 
 def without_secrets(content: bytes) -> bytes:
-    """Replace the values in text that look like tokens or passwords."""
+    """Remove tokens and passwords from a text. Each value that looks like one is replaced."""
     text = content.decode("utf-8", "replace")
     return _IN_TEXT.sub(rf"\g<1>{REMOVED}", text).encode()
 

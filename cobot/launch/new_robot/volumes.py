@@ -93,7 +93,7 @@ class _Shape:
 
     @cached_property
     def volume(self) -> float:
-        """Volume of the shape, m³; 0 for kinds without a volume."""
+        """Volume of the shape, m³; 0 if shapes of this kind have no volume."""
         if self._kind == KINDS.mjGEOM_MESH:
             return 0.0 if self._hull is None else float(self._hull.volume)
         return float(_VOLUMES[self._kind](*self._size)) if self._kind in _VOLUMES else 0.0

@@ -108,7 +108,7 @@ def _check_link(file: Path, link: Element) -> None:
 
 
 def check_shape(file: Path, collision: Element, of: str) -> None:
-    """Reject a <collision> or <visual> without one valid shape."""
+    """Reject a <collision> or <visual> element that has no shape or an invalid one."""
     _check_origin(file, collision, of)
     geometry = collision.find("geometry")
     shape = None if geometry is None else next(iter(geometry), None)

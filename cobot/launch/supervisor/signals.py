@@ -28,8 +28,8 @@ class ProcessSignals:
 
     @contextlib.contextmanager
     def catch(self) -> Iterator[None]:
-        """Install the handlers. Inside this context, signals end a sleep. The handlers stay installed after
-        it, so that no signal interrupts the shutdown.
+        """Context manager that installs the signal handlers. Inside the context, a signal ends a sleep. The
+        handlers stay installed after the context ends, so that no signal interrupts the shutdown.
         """
         wake, written = socket.socketpair()
         with wake, written:

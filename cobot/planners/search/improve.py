@@ -79,8 +79,8 @@ def improve(
     max_tries: float = np.inf,
     clock: Callable[[], float] | None = None,
 ) -> Improving:
-    """Try to find faster motions for a given time, s, or number of tries. The last try may end later than the
-    time.
+    """Try to find faster motions for `slice_s` seconds or `max_tries` tries, whichever ends first. The last
+    try may end after that time.
     """
     clock = clock or time.monotonic
     begun_s, last = clock(), state.tries + max_tries

@@ -185,7 +185,7 @@ class RmiClient:
         )
 
     def alarms(self) -> str:
-        """Return the active alarms in words; "" without an active alarm."""
+        """Return the active alarms in words; "" if no alarm is active."""
         reply = self.command("ReadError", "report its alarms", Count=ALARMS)
         texts = [reply.get(f"ErrorData{number}") for number in ("", *range(2, ALARMS + 1))]
         return alarms_in_words(text for text in texts if text and text != "No Error")

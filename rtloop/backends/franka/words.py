@@ -58,7 +58,7 @@ REFUSALS = {
 
 
 def in_words(names: Iterable[str]) -> str:
-    """Return the errors as one sentence; "" without an error."""
+    """Return the errors as one sentence; "" if there are none."""
     known = islice(names, MAX_ERRORS)
     return "; ".join(REFLEXES.get(name) or plain_text(name, MAX_NAME).replace("_", " ") for name in known)
 

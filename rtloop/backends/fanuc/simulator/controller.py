@@ -166,7 +166,7 @@ class FanucController:
     # Stream Motion
 
     def hear(self, data: bytes) -> bytes:
-        """Process a packet from the client. Return the reply; b"" for a packet without a reply."""
+        """Process a packet from the client. Return the reply; b"" if the packet requires no reply."""
         packet = decode_sent(data)
         if isinstance(packet, str):
             self.malformed += 1

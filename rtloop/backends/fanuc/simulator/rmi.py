@@ -62,7 +62,7 @@ class RmiAnswers:
         return self._write(reply)
 
     def answer(self, line: bytes) -> bytes:
-        """Return the reply to a line in a session; b"" for a line without a reply."""
+        """Return the reply to a line in a session; b"" if the line requires no reply."""
         request = self._read(line)
         for kind in KINDS:
             if kind in request:
