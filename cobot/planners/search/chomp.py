@@ -43,7 +43,7 @@ PUSHED_M = 3e-3
 points needs this distance.
 """
 SMOOTHNESS_WEIGHT = 0.05
-STEP_RAD = 0.04
+STEP_RAD = 0.065
 """The largest change of a joint in one iteration."""
 STRAIGHT_STARTS = 3
 
