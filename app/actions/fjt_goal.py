@@ -263,7 +263,7 @@ def _start_time(stamp: Message, duration_s: float, now_s: float) -> float | None
         end = "ended" if start_s + duration_s < now_s else "begun"
         raise OldGoalError(
             f"header.stamp: the trajectory should have {end} {now_s - start_s:.3f} s ago, allowed: "
-            f"{LATE_START_S:g} s; a stamp of 0 begins at once"
+            f"{LATE_START_S:g} s; with a stamp of 0 it begins at once"
         )
     if start_s > now_s + EARLIEST_START_S:
         raise GoalError(

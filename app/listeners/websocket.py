@@ -38,7 +38,9 @@ def keep_nothing_unsent(transport: Transport) -> None:
 
 
 class StreamProtocol(WebSocketsSansIOProtocol):
-    """A WebSocket connection. Received data waits for a turn; a slow client gets only the newest data."""
+    """A WebSocket connection. Received data is queued until it is this connection's turn. A slow client gets
+    only the newest data.
+    """
 
     def __init__(self, *, crowd: Crowd, turns: Turns, visit: Visit, **uvicorn: Any) -> None:
         super().__init__(**uvicorn)

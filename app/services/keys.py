@@ -141,8 +141,8 @@ class Keys:
                     return work(self._database)
             except (sqlite3.Error, OSError) as exc:
                 raise UnavailableError(
-                    f"{self._path}: the Idempotency-Key cannot be kept: {exc}; free disk space or correct "
-                    f"its permissions, or send the request without a key"
+                    f"{self._path}: the Idempotency-Key cannot be kept: {exc}; free disk space, correct "
+                    f"the permissions of the file, or send the request without a key"
                 ) from exc
 
     def _open(self) -> sqlite3.Connection:

@@ -213,7 +213,7 @@ class TokenFile:
                 )
             if by == name and not own:
                 raise ConflictError(
-                    f"{name} is the token of this request, which would then be invalid; use the token of "
+                    f"{name} is the token that this request itself uses; use the token of "
                     "another administrator, or confirm it with own=true"
                 )
             revoked.extend(each for each in tokens if each.name == name)

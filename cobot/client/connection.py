@@ -88,7 +88,9 @@ class Connection:
         self._http.close()
 
     def _post_motion(self, path: str, body: Json) -> Json:
-        """Send a motion and wait for its end. Raises an error if the motion does not reach its goal."""
+        """Send a motion and wait until it has ended. Raises an error if the motion does not reach its
+        goal.
+        """
         strict = {PREFER: STRICT_STATUS}
         answer = self._json("POST", path, json=body, timeout=self._answer_timeout_s(path), headers=strict)
         if not answer["success"]:  # a proxy has removed the header
@@ -150,8 +152,8 @@ class Connection:
 
     @contextlib.contextmanager
     def _stream(self, path: str, **request: Any) -> Iterator[httpx2.Response]:
-        """A context for reading an answer while it arrives. Raises the errors of `_request`. Later reads may
-        raise httpx2's errors.
+        """Context manager for reading an answer while it arrives. Raises the errors of `_request`. Later
+        reads may raise httpx2's errors.
         """
         url = self._url(path)
         with self._http.stream("GET", url, **request) as response:

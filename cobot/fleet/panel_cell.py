@@ -216,7 +216,7 @@ class CellPanel:
         needed = str(getattr(self._accept, setting))
         if needed == NO_ROLE or given < Role[needed.upper()]:
             raise PermissionDenied(
-                f"through the hub, this cell accepts this request from {needed} "
+                f"through the hub, the lowest role allowed for this request is {needed} "
                 f"(fleet.accept.{setting}), but {request.who} has the role {request.role}"
             )
 

@@ -151,6 +151,6 @@ def require_piece(content: bytes) -> bytes:
     """
     if len(content) > MAX_PIECE_BYTES:
         raise UnavailableError(
-            f"a message has {len(content)} bytes, allowed through a hub: {MAX_PIECE_BYTES}"
+            f"a message has {len(content)} bytes, but a hub forwards at most {MAX_PIECE_BYTES}"
         )
     return content

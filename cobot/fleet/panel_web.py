@@ -362,8 +362,8 @@ def _headers_of(head: PanelHead, place: str) -> dict[str, str]:
     length = headers.get("content-length", "0")
     if not length.isdecimal() or int(length) > MAX_ANSWER_BYTES:
         raise PayloadError(
-            f"the answer has {length} bytes, allowed through the hub: {MAX_ANSWER_BYTES}; use the address "
-            "of the cell itself, or `cobot fleet pull` for recordings"
+            f"the answer has {length} bytes, but the hub forwards at most {MAX_ANSWER_BYTES}; use the "
+            "address of the cell itself, or `cobot fleet pull` for recordings"
         )
     location = headers.pop("location", "")
     if re.match(r"/(?!/)", location):

@@ -110,8 +110,8 @@ class FollowMotion(ForceMotion):
         given = [name for name in SignalFields.model_fields if getattr(self.motion, name)]
         if given:
             raise ValueError(
-                f"motion.{given[0]}: a path with force cannot have actions or conditions; remove this, and "
-                "use steps before and after the motion"
+                f"motion.{given[0]}: a path with force cannot have actions or conditions; leave this key "
+                "out, and use steps before and after the motion"
             )
         planner = PlannerName(self.motion.planner)
         if PLANNERS[planner].way is not Way.PATH:

@@ -75,8 +75,8 @@ class Held:
         return np.stack(columns, axis=1)
 
     def require(self, joints: Array, what: str, share: float | None = None) -> None:
-        """Reject a configuration that violates a constraint; `share` is the share of the motion at which it
-        occurs.
+        """Reject a configuration that violates a constraint. `share` states where in the motion it occurs,
+        from 0 to 1.
 
         Raises:
             PlanningError: the configuration violates a constraint; the message names `what`, the constraint,

@@ -163,7 +163,7 @@ def effort_samples(model: RobotModel, trajectory: Trajectory) -> tuple[Array, Ar
 
 
 def keeps_effort(model: RobotModel, motion: Trajectory, limits: JointLimits, share: float) -> bool:
-    """Whether a motion needs at most this share of each effort limit."""
+    """Whether a motion needs no more than a given share of any effort limit."""
     _, efforts = effort_samples(model, motion)
     return bool((np.abs(efforts) <= share * limits.max_effort).all())
 

@@ -199,7 +199,9 @@ def parsed(name: str, text: str) -> list[ParsedMessage]:
     parts = _PARTS[kind]
     texts = _SEPARATOR.split(text)
     if len(texts) != len(parts):
-        raise InputError(f"{name}: a .{kind} has {len(parts)} parts between lines of ---, got {len(texts)}")
+        raise InputError(
+            f"{name}: a .{kind} has {len(parts)} parts, separated by lines of ---, got {len(texts)}"
+        )
     pieces = {name + part: text for part, text in zip(parts, texts, strict=True)}
     if kind == "action":
         pieces |= {name + part: template.format(local) for part, template in _OF_ACTIONS.items()}

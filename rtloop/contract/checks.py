@@ -266,9 +266,7 @@ def reject_open(cell: CheckedBackend) -> str:
         else:
             said = driver.reason if driver.mode == LoopMode.FAULT else ""
         if not said:
-            raise ContractError(
-                "the backend can be opened and enabled and accepts commands although no device answers"
-            )
+            raise ContractError("the backend opens, enables and accepts commands although no device answers")
         driver.end()
         driver.rig.clear("disconnect")
         driver.start()

@@ -220,7 +220,7 @@ def _require_recovery(cell: CheckedBackend, driver: Driver) -> None:
     driver.until("the arm is held", lambda: driver.mode == LoopMode.HOLD)
     sent = len(driver.wire or ())
     if driver.heard.calls.count("open") != 1:
-        raise ContractError("the backend was opened again; a reset must not need that")
+        raise ContractError("the backend was opened again; a reset must work without this")
     require_entry(cell, driver, max(before, len(driver.heard.commands) - 1))
     driver.run(REST_S)
     if driver.mode != LoopMode.HOLD:

@@ -239,7 +239,9 @@ class GripperService:
             return  # a jammed object must always be releasable
         if self._is_latched(False):
             state = self._link.state()
-            raise NotReadyError(f"mode {state.mode.name}: {state.reason}; remove the cause, then reset it")
+            raise NotReadyError(
+                f"mode {state.mode.name}: {state.reason}; remove the cause, then reset the robot"
+            )
 
     def _require(self) -> GripperWorker:
         if self._worker is None:
@@ -247,7 +249,7 @@ class GripperService:
         return self._worker
 
     async def _follow(self, worker: GripperWorker, running: Running, caller: Caller) -> GripperState:
-        """Start a command and wait for its end. If it ends early, the fingers stop."""
+        """Start a command and wait until it has ended. If it ends early, the fingers stop."""
         try:
             return await follow(worker, running, caller, self._link.clock, self.type)
         except CobotError as exc:

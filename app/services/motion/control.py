@@ -145,7 +145,7 @@ class ControlService:
     def _require_free(self, client: RequestClient) -> None:
         lease, owner = self._ownership.lease, self._ownership.owner
         if owner is not None:
-            raise ConflictError(f"the robot is in use by {owner}; wait, or take control with force")
+            raise ConflictError(f"the robot is in use by {owner}; wait, or take control with force: true")
         if lease.current is not None:
             lease.require(RequestClient(client.name, client.address))
 

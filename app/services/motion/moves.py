@@ -207,8 +207,8 @@ class MoveService:
         fence: Fence | None = None,
         signals: Placed = NO_PLACED,
     ) -> Outcome:
-        """Run a planned motion and wait for its end. The outcome states whether the arm has reached the goal
-        and, if not, why.
+        """Run a planned motion and wait until it has ended. The outcome states whether the arm has reached
+        the goal and, if not, why.
 
         Args:
             trajectory: None if there is nothing to move.

@@ -149,7 +149,10 @@ class HealthService:
         if silence:
             return [silence, *starting]
         if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):
-            return [f"mode {state.mode.name}: {state.reason}; remove the cause, then reset it", *starting]
+            return [
+                f"mode {state.mode.name}: {state.reason}; remove the cause, then reset the robot",
+                *starting,
+            ]
         if state.measured_age_s > self._stale_s:
             return [
                 f"the arm has not been measured for {state.measured_age_s:.1f} s: {state.reason}",

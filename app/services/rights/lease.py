@@ -107,8 +107,8 @@ class ControlLease:
         if lease is not None and not self.holds(client):
             left_s = lease.until_s - self._clock.now_s()
             raise ConflictError(
-                f"{lease.client} has control of the robot, for {left_s:.0f} s if nothing moves; wait, "
-                "or take control with POST /robot/control and force",
+                f"{lease.client} has control of the robot, for another {left_s:.0f} s if nothing moves; "
+                "wait, or take control with POST /robot/control and force: true",
                 details={"cause": "control", "by": str(lease.client)},
             )
 

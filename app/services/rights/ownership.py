@@ -164,7 +164,7 @@ class Ownership:
         streamer = self._link.streamer()
         if streamer is not None:
             raise ConflictError(
-                f"the robot is in use by {streamer}; wait for its end, or POST /stop",
+                f"the robot is in use by {streamer}; wait until it ends, or POST /stop",
                 details={"cause": "in_use"},
             )
         if token is not None and self._sequence is None:

@@ -45,7 +45,7 @@ class JogLine:
         self._rest: Array = position
 
     def in_base(self, twist: Array) -> Array:
-        """Convert a twist from the axes of the tool on the line to the axes of the base."""
+        """Convert a twist from the tool's axes, at the current point of the line, to the base's axes."""
         rotation = self._pose.rotation
         return np.concatenate([rotation @ twist[:3], rotation @ twist[3:]])
 

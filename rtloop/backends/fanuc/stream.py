@@ -139,8 +139,8 @@ class Handshake:
             if found is None:
                 raise BackendError(
                     f"the controller does not send the {rate.name.lower()} limits of axis {axis}: does it "
-                    "have as many axes as the model? With robot.backend.limits: model cobot does not "
-                    "read this table, and then only the controller's alarms enforce its limits"
+                    "have as many axes as the model? If robot.backend.limits is set to model, cobot "
+                    "does not request this table, and only the controller's alarms enforce its limits"
                 )
             table.take(found)
         return table

@@ -92,8 +92,8 @@ def files_for(settings: Settings, limits: JointLimits) -> dict[str, str]:
         raise ConfigError(fits.reason)
     if options.listen == "0.0.0.0":
         raise ConfigError(
-            "robot.backend.listen is 0.0.0.0: set it to the address of this computer in the "
-            "controller's network, to which the controller sends"
+            "robot.backend.listen is 0.0.0.0: set it to the address that this computer has in "
+            "the controller's network; the controller sends its packets to this address"
         )
     if settings.rt.period_s not in PERIODS_S:
         raise ConfigError(f"rt.period_s is {settings.rt.period_s:g}; for RSI it must be 0.004 or 0.012")

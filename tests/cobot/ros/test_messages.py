@@ -228,7 +228,7 @@ def test_infinity_and_nan_survive_cdr(messages: Messages) -> None:
 @pytest.mark.parametrize(
     ("definitions", "sentence"),
     [
-        ({"x/srv/Y": "int32 a\n"}, "has 2 parts between lines of ---, got 1"),
+        ({"x/srv/Y": "int32 a\n"}, "has 2 parts, separated by lines of ---, got 1"),
         ({"x/action/Y": "---\n"}, "has 3 parts"),
         ({"x/msg/Y": "integer a\n"}, "there is no type 'x/msg/integer' here"),
         ({"x/msg/Y": "int32 = a b c\n"}, "is not a valid definition"),

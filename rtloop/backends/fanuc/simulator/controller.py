@@ -231,8 +231,8 @@ class FanucController:
 
     @property
     def peaks(self) -> dict[str, list[float]]:
-        """Return the largest velocity, acceleration and jerk of the commands, for each joint as a share of
-        its limit.
+        """Return the largest velocity, acceleration and jerk that were commanded for each joint, as shares of
+        the joint's limits.
         """
         return {
             rate.name.lower(): row.tolist() for rate, row in zip(LimitRate, self._reflexes.peaks, strict=True)

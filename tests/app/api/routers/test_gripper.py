@@ -445,7 +445,7 @@ def test_an_action_that_the_gripper_rejects_when_it_is_due_has_not_fired(
     answer = run.service.post("/robot/move/joints", {"joints": joints, "speed": 0.2, "actions": [action]})
     (result,) = answer.json()["actions"]
     assert not result["fired"]
-    assert "remove the cause, then reset it" in result["problem"]
+    assert "remove the cause, then reset the robot" in result["problem"]
     job = next(each for each in run.service.get("/jobs").json()["jobs"] if each["kind"] == "gripper")
     assert (job["state"], job["error"]["detail"]) == ("failed", result["problem"])
     kept = run.service.app.state.events.since(0, 10_000)

@@ -147,7 +147,7 @@ def test_a_robot_without_external_axes_has_no_object_for_them(
 
 
 def test_the_address_of_this_computer_must_be_known(settings: Settings, robot: RobotDescription) -> None:
-    with pytest.raises(ConfigError, match=r"robot.backend.listen is 0.0.0.0: set it to the address of this"):
+    with pytest.raises(ConfigError, match=r"robot.backend.listen is 0.0.0.0: set it to the address that"):
         files_for(rsi_settings(settings), robot.limits)
 
 
