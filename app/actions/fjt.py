@@ -49,8 +49,7 @@ from app.services.streaming.servo import ServoService
 from cobot.config import RosSection
 from cobot.errors import CobotError, ConflictError, ExecutionError, MotionStopped
 from cobot.ipc.layout import MotionResult, ServoMode
-from cobot.motions.points import FOLLOW_JOINT_TRAJECTORY
-from cobot.motions.requests import WaypointRequest
+from cobot.motions.points import FOLLOW_JOINT_TRAJECTORY, WaypointRequest
 from cobot.robot.description import RobotDescription
 from cobot.robot.limits import check_positions
 from cobot.ros.failures import FjtError, error_code_of

@@ -10,7 +10,8 @@ from foreign_trajectories import totg
 from benchmarks.arms import NAMES as ARMS
 from benchmarks.arms import SHIPPED, Arm, carrying
 from cobot.motions.constraints import Box, Cone, Constraints
-from cobot.motions.requests import Arc, MotionRequest, TcpSpeed, WaypointRequest
+from cobot.motions.points import WaypointRequest
+from cobot.motions.requests import Arc, MotionRequest, TcpSpeed
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Scene, SceneObject
 from cobot.robot.tool import Tool

@@ -1,7 +1,7 @@
 """Motion requests as JSON: request bodies of the REST API, and targets in sequences and programs.
 
 Their form and bounds are defined here and in `cobot.motions.fields`. Values that depend on the robot (joints,
-frames, reach) are checked by `cobot.motions.checks`, the services and the planners.
+frames, reach) are checked by `MotionRequest`, the services and the planners.
 """
 
 from __future__ import annotations

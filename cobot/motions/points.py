@@ -1,7 +1,8 @@
-"""Timed points, and the checks that they must pass before they become a motion."""
+"""Motions through timed points, and the checks that the points must pass."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from cobot.errors import InputError
 from cobot.robot.limits import check_positions
-from cobot.types import Array, JointLimits, Waypoint
+from cobot.types import Array, JointLimits, Scaling, Waypoint
 
 REST_TOLERANCE = 1e-6
 MIN_INTERVAL_S, MAX_TIME_S = 1e-9, 1e6
@@ -46,6 +47,37 @@ FOLLOW_JOINT_TRAJECTORY = WaysOut(
     "its current position",
     time="raise goal_time_tolerance to {late_s:.3f} s, or set it to 0 to accept any duration",
 )
+
+
+@dataclass(frozen=True, slots=True)
+class WaypointRequest:
+    """A motion through timed points.
+
+    Attributes:
+        start: the arm's joint positions, shape (dof,), rad.
+        points: the timed points.
+        start_tolerance_rad: maximum distance between `start` and a first point at time 0, rad.
+        check_limits: whether the position, velocity, acceleration and jerk limits are checked. Collisions are
+            always checked.
+        retime: whether the motion is slowed down until it keeps the rate limits, instead of being rejected.
+        corridor_rad: maximum deviation of each joint from the curve through the points if it violates the
+            limits, shape (dof,) or one value for all joints. 0 means that the curve is kept, and the whole
+            motion is slowed down.
+        longest_s: maximum duration after `retime`, s, without `approach`.
+        approach: scaling of a ptp motion to the first point; None means that the first point must be at
+            `start`.
+        ways: advice for error messages.
+    """
+
+    start: Array
+    points: Sequence[Waypoint]
+    start_tolerance_rad: float
+    check_limits: bool = True
+    retime: bool = False
+    approach: Scaling | None = None
+    corridor_rad: Array | float = 0.0
+    longest_s: float = math.inf
+    ways: WaysOut = REST
 
 
 def check_first(

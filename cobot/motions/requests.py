@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cobot.motions.checks import check_request
+from cobot.errors import InputError
 from cobot.motions.constraints import Constraints
-from cobot.motions.planners import PLANNERS, PlannerName, PlannerTraits
-from cobot.motions.points import REST, WaysOut
+from cobot.motions.planners import BODY_FIELDS, PLANNERS, PlannerName, PlannerTraits, Way, users_of
 from cobot.motions.signals import NO_SIGNALS, PathSignals
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import (
+    FREE_AXES,
     RRT_CONNECT,
     Algorithm,
     Array,
@@ -27,8 +27,10 @@ from cobot.types import (
     Pose,
     Scaling,
     Synchronization,
-    Waypoint,
 )
+
+MIN_AXIS_LENGTH = 1e-3
+"""Minimum length of a vector that gives a direction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +125,26 @@ class MotionRequest:
     budget_s: float = 0.0
 
     def __post_init__(self) -> None:
-        check_request(self)
+        traits = self.traits
+        if traits.way is Way.PATH and not isinstance(self.goal, Pose):
+            raise InputError(f"{self.planner} needs a pose as its goal, not joint angles")
+        given = [field for field in BODY_FIELDS if _is_given(self, field)]
+        for field in given:
+            if field not in traits.fields:
+                users = users_of(field)
+                planners = users if "," in users else f"planner {users}"
+                raise InputError(f"{_named(self, field)} is for {planners} only, not for {self.planner}")
+        _require_one(self, given)
+        if self.constraints is not None and self.algorithm != RRT_CONNECT:
+            raise InputError(
+                f"constraints: {self.algorithm} does not support them; use algorithm {RRT_CONNECT}"
+            )
+        if self.cyclic and self.end_joints is not None:
+            raise InputError("cyclic, end_joints: give one of them, not both")
+        if self.arc is not None:
+            _check_arc(self.arc)
+        if self.free_axes:
+            _check_free_axes(self.free_axes)
 
     @property
     def traits(self) -> PlannerTraits:
@@ -144,36 +165,83 @@ class MotionRequest:
         """The joint limits, scaled as the request demands."""
         return robot.limits.scaled(*self.scaling.shares)
 
+    def check_for(self, robot: RobotDescription) -> None:
+        """Check that the number of end joints and the TCP speed are allowed for a robot.
 
-@dataclass(frozen=True, slots=True)
-class WaypointRequest:
-    """A motion through timed points.
+        Raises:
+            InputError: a value is not allowed; the message names the field, its value and what is allowed.
+        """
+        end, dof = self.end_joints, robot.limits.dof
+        if end is not None and len(end) != dof:
+            raise InputError(f"end_joints: must have {dof} angles, got {len(end)}")
+        speed, tcp = self.tcp_speed, robot.cartesian_limits
+        for name, value, limit, setting, unit in (
+            ("speed_m_s", speed.linear_m_s, tcp.max_linear_velocity, "max_linear_velocity", "m/s"),
+            ("speed_rad_s", speed.angular_rad_s, tcp.max_angular_velocity, "max_angular_velocity", "rad/s"),
+        ):
+            if value is not None and not 0.0 < value <= limit:
+                raise InputError(
+                    f"{name}: is {value:g} {unit}, allowed: above 0 and up to {limit:g} {unit} "
+                    f"(planning.{setting})"
+                )
 
-    Attributes:
-        start: the arm's joint positions, shape (dof,), rad.
-        points: the timed points.
-        start_tolerance_rad: maximum distance between `start` and a first point at time 0, rad.
-        check_limits: whether the position, velocity, acceleration and jerk limits are checked. Collisions are
-            always checked.
-        retime: whether the motion is slowed down until it keeps the rate limits, instead of being rejected.
-        corridor_rad: maximum deviation of each joint from the curve through the points if it violates the
-            limits, shape (dof,) or one value for all joints. 0 means that the curve is kept, and the whole
-            motion is slowed down.
-        longest_s: maximum duration after `retime`, s, without `approach`.
-        approach: scaling of a ptp motion to the first point; None means that the first point must be at
-            `start`.
-        ways: advice for error messages.
-    """
 
-    start: Array
-    points: Sequence[Waypoint]
-    start_tolerance_rad: float
-    check_limits: bool = True
-    retime: bool = False
-    approach: Scaling | None = None
-    corridor_rad: Array | float = 0.0
-    longest_s: float = math.inf
-    ways: WaysOut = REST
+def _is_given(request: MotionRequest, field: str) -> bool:
+    """Whether a request gives an optional field. A false `cyclic` is treated as not given."""
+    value = getattr(request, field)
+    if value is None or value is False or isinstance(value, np.ndarray):
+        return isinstance(value, np.ndarray)
+    return bool(value != request.__dataclass_fields__[field].default)
+
+
+def _named(request: MotionRequest, field: str) -> str:
+    """A field as the beginning of an error: its name in JSON, and its value if that is a word."""
+    value = getattr(request, field)
+    if field == "tcp_speed" and value.linear_m_s is None:
+        return f"{BODY_FIELDS[field][1]}:"
+    name = BODY_FIELDS[field][0]
+    return f"{name}: {value}" if isinstance(value, str) else f"{name}:"
+
+
+def _require_one(request: MotionRequest, given: list[str]) -> None:
+    """Check that the request gives exactly one of the fields that its planner needs."""
+    traits = request.traits
+    needed = [field for field in traits.needs if field in given]
+    if traits.needs and not needed:
+        raise InputError(traits.missing)
+    if len(needed) > 1:
+        names = ", ".join(BODY_FIELDS[field][0] for field in needed)
+        raise InputError(f"{names}: give only one of them; it defines the path of planner {request.planner}")
+
+
+def _check_arc(arc: Arc) -> None:
+    """Check that an arc has an angle other than 0, and that its axis gives a direction."""
+    if arc.angle_rad == 0.0:
+        raise InputError("angle: is 0 rad, so there is no arc, even with a rise; for a line use lin")
+    if arc.axis is not None and not math.hypot(*arc.axis) > MIN_AXIS_LENGTH:
+        length = math.hypot(*arc.axis)
+        raise InputError(
+            f"axis: has a length of {length:g}, so it has no direction; the length must be above "
+            f"{MIN_AXIS_LENGTH:g}"
+        )
+
+
+def _check_free_axes(free: Sequence[str]) -> None:
+    """Check that one axis or all three are free. A free rotation about two axes would also free the third."""
+    valid = ", ".join(FREE_AXES)
+    for index, axis in enumerate(free):
+        if axis not in FREE_AXES:
+            raise InputError(
+                f"free_axes[{index}]: there is no axis {axis!r}; valid names: {valid}, the rotations "
+                "about the tool's x, y and z axis"
+            )
+        if axis in free[:index]:
+            raise InputError(f"free_axes[{index}]: {axis} is given twice")
+    if len(free) == len(FREE_AXES) - 1:
+        raise InputError(
+            f"free_axes: {' and '.join(free)} together already allow every orientation; "
+            f"give one of {valid}, or all three if only the position matters"
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,9 +18,9 @@ from typing import Any, cast
 import numpy as np
 
 from cobot.errors import InputError, LimitError, PlanningError
-from cobot.motions.checks import check_for_robot
 from cobot.motions.planners import PLANNERS, PlannerName, Way
-from cobot.motions.requests import MotionRequest, WaypointRequest
+from cobot.motions.points import WaypointRequest
+from cobot.motions.requests import MotionRequest
 from cobot.planners.escape import leave_invalid_start
 from cobot.planners.goals import is_there, joint_goals, nearest_goal
 from cobot.planners.held import Held
@@ -62,7 +62,7 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
         InputError: a goal is beyond the limits, or this planner does not use a given field.
         PlanningError: no motion exists, or this planner does not find one.
     """
-    check_for_robot(request, robot)
+    request.check_for(robot)
     if request.end_joints is not None:
         check_positions(robot.limits, request.end_joints, "end_joints: the angle", 1.0)
     try:

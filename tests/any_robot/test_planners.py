@@ -24,7 +24,8 @@ from benchmarks.stress.run import Tally, one
 from cobot.config import load_settings
 from cobot.errors import LimitError, UnreachableError
 from cobot.motions.constraints import Box, Cone, Constraints
-from cobot.motions.requests import Arc, MotionRequest, WaypointRequest
+from cobot.motions.points import WaypointRequest
+from cobot.motions.requests import Arc, MotionRequest
 from cobot.planners import plan
 from cobot.planners.blending.joined import leg_of
 from cobot.planners.blending.prolonged import begin_stretch, extend_stretch

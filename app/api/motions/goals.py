@@ -69,8 +69,7 @@ def goal_of(body: AnyMotion, services: Services, *, checked: bool = True) -> Mot
     if isinstance(body, MoveArc):
         found = goals.pose(_arc_by_angle(body, constraints), body.frame_id)
     elif isinstance(body, MovePose):
-        asked = _to_pose(body, constraints, goals.budget_s(body.budget_s))
-        found = goals.pose(asked, body.frame_id)
+        found = goals.pose(_to_pose(body, constraints, goals.budget_s), body.frame_id)
     else:
         joints = goals.named(body.name) if isinstance(body, MoveNamed) else np.array(body.joints)
         goals.require_joints(joints, checked=checked)
@@ -82,10 +81,11 @@ def goal_of(body: AnyMotion, services: Services, *, checked: bool = True) -> Mot
             algorithm=body.algorithm,
             synchronization=Synchronization(body.synchronization),
             constraints=constraints,
-            budget_s=goals.budget_s(body.budget_s),
+            budget_s=goals.budget_s if body.budget_s is None else body.budget_s,
         )
-    signals = signals_of(body, found.scaling, services)
-    return replace(found, signals=signals) if signals else found
+    if not (body.actions or body.start_when or body.pause_while or body.until):
+        return found
+    return replace(found, signals=signals_of(body, found.scaling, services))
 
 
 def _arc_by_angle(body: MoveArc, constraints: Constraints | None) -> MotionRequest:
@@ -102,7 +102,7 @@ def _arc_by_angle(body: MoveArc, constraints: Constraints | None) -> MotionReque
     )
 
 
-def _to_pose(body: MovePose, constraints: Constraints | None, budget_s: float) -> MotionRequest:
+def _to_pose(body: MovePose, constraints: Constraints | None, default_budget_s: float) -> MotionRequest:
     return MotionRequest(
         NO_START,
         _pose(body),
@@ -119,7 +119,7 @@ def _to_pose(body: MovePose, constraints: Constraints | None, budget_s: float) -
         free_axes=tuple(body.free_axes),
         cyclic=body.cyclic,
         end_joints=None if body.end_joints is None else np.array(body.end_joints),
-        budget_s=budget_s,
+        budget_s=default_budget_s if body.budget_s is None else body.budget_s,
     )
 
 

@@ -9,9 +9,9 @@ from typing import Any
 from app.robot_services import Services
 from cobot.errors import CobotError, InputError, NotSupportedError
 from cobot.motions.bodies import AnyMotion
-from cobot.motions.checks import MIN_AXIS_LENGTH
 from cobot.motions.conditions import InputTest, StepCondition
 from cobot.motions.fields import Direction
+from cobot.motions.requests import MIN_AXIS_LENGTH
 from cobot.motions.signal_bodies import (
     PLACE_UNITS,
     ActionPlace,
@@ -21,7 +21,6 @@ from cobot.motions.signal_bodies import (
 )
 from cobot.motions.signals import (
     FALSE,
-    NO_SIGNALS,
     TRUE,
     Action,
     Condition,
@@ -46,8 +45,6 @@ def signals_of(body: AnyMotion, scaling: Scaling, services: Services) -> PathSig
         NotSupportedError: the device cannot do it.
         UnavailableError: the device's inputs and outputs cannot be read.
     """
-    if not (body.actions or body.start_when or body.pause_while or body.until):
-        return NO_SIGNALS
     reader = _Reader(services)
     if body.start_when is not None or body.pause_while is not None:
         reader.require_own_time("start_when" if body.start_when else "pause_while")

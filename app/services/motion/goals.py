@@ -9,7 +9,6 @@ import numpy as np
 
 from cobot.config import PlanningSection
 from cobot.errors import InputError
-from cobot.motions.checks import check_for_robot
 from cobot.motions.requests import MotionRequest
 from cobot.robot.description import RobotDescription
 from cobot.robot.limits import check_positions
@@ -26,12 +25,14 @@ class Goals:
 
     Attributes:
         taught: named positions in addition to those from the SRDF, by name.
+        budget_s: planning budget of a motion whose request gives none, s.
     """
 
     def __init__(self, robot: RobotDescription, settings: PlanningSection) -> None:
         self._robot = robot
         self._settings = settings
         self.taught: dict[str, NamedPosition] = {}
+        self.budget_s = settings.budget_s
 
     def named(self, name: str) -> Array:
         """Return the joint angles of a named position, shape (dof,), rad.
@@ -74,7 +75,7 @@ class Goals:
         Raises:
             InputError: the frame is unknown or moves, or this robot does not support a field.
         """
-        check_for_robot(goal, self._robot)
+        goal.check_for(self._robot)
         if (frame or self._settings.default_frame) == TOOL:
             return replace(goal, in_tool=True)
         place = self.frame(frame)
@@ -108,10 +109,6 @@ class Goals:
         if name in model.frame_names or name == TOOL:
             raise InputError(f"frame_id: {name!r} moves with the joints; valid names: {valid}")
         raise InputError(f"frame_id: there is no frame {name!r}; valid names: {valid}")
-
-    def budget_s(self, asked_s: float | None) -> float:
-        """Return the planning budget of a motion, s: the requested budget, or the budget in the settings."""
-        return self._settings.budget_s if asked_s is None else asked_s
 
     def request(self, goal: MotionRequest, start: Array) -> MotionRequest:
         """Make the planning request for a goal from the joint position `start`, shape (dof,), rad."""

@@ -18,8 +18,9 @@ from cobot.findings import Explanation
 from cobot.motions.change_over import ChangeOver
 from cobot.motions.forecast import Forecast
 from cobot.motions.improving import Improving
+from cobot.motions.points import WaypointRequest
 from cobot.motions.rehearsal import Rehearsal
-from cobot.motions.requests import Blended, Envelope, MotionRequest, RatedMove, WaypointRequest
+from cobot.motions.requests import Blended, Envelope, MotionRequest, RatedMove
 from cobot.motions.stretches import Leg, Stretch
 from cobot.recording.path import RecordedPath
 from cobot.robot.description import RobotDescription

@@ -19,8 +19,7 @@ from app.services.rights.ownership import Ownership
 from cobot.config import PlanningSection
 from cobot.errors import CobotError, ExecutionError
 from cobot.logs import printable
-from cobot.motions.points import check_first
-from cobot.motions.requests import WaypointRequest
+from cobot.motions.points import WaypointRequest, check_first
 from cobot.trajectory import Changes
 from cobot.types import JointLimits, Scaling, Waypoint
 

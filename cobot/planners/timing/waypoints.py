@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from cobot.errors import LimitError
-from cobot.motions.points import labels_of, require_positions
-from cobot.motions.requests import MotionRequest, WaypointRequest
+from cobot.motions.points import WaypointRequest, labels_of, require_positions
+from cobot.motions.requests import MotionRequest
 from cobot.planners.goals import is_there
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.timing.course import PRESENT, WaypointCourse, course_of, through
