@@ -18,8 +18,8 @@ from pydantic import BaseModel, RootModel
 from starlette.requests import HTTPConnection
 
 from app.api.endpoints import Endpoint
-from app.api.middleware.clients import MOTION_TOKEN
 from app.robot_services import Services
+from app.services.clients import CLIENT
 from app.services.rights.claims import Caller
 from app.services.rights.job import JobKind
 from app.services.rights.job_book import unknown
@@ -109,11 +109,6 @@ class Call:
         """The value of `Ownership.stops` when this request arrived."""
         return cast(int, self.request.scope[STOPS])
 
-    @property
-    def token(self) -> str | None:
-        """The token of the sequence that sent this request; None if another client sent it."""
-        return self.request.headers.get(MOTION_TOKEN)
-
     def caller(self, gone: asyncio.Event, kind: JobKind, about: str | BaseModel, *, wait: bool) -> Caller:
         """Return the caller of a motion.
 
@@ -129,7 +124,8 @@ class Call:
         job.path, job.body = path, body
         scope[JOB] = job
         leaving = gone if wait else asyncio.Event()
-        return Caller(name, self.token, self.stops, self.timeout_s, leaving, job, waits=wait)
+        token = CLIENT.get().sequence
+        return Caller(name, token, self.stops, self.timeout_s, leaving, job, waits=wait)
 
 
 def kept_body(body: BaseModel) -> tuple[str, dict[str, Any] | None]:

@@ -29,9 +29,11 @@ from app.api.dependencies import BEGUN_S, LARGE_BYTES, STOPS, Call, body_check, 
 from app.api.endpoints import WEBSOCKET, Endpoint, declare, declared
 from app.api.errors import responses, status_of
 from app.api.json_text import decoded
-from app.api.middleware.idempotency import PARAMETER, answer_once, key_of
+from app.api.middleware.idempotency import PARAMETER, answer_once
 from app.api.strict import is_strict, reports_success, with_strict_status
+from app.services.clients import CLIENT
 from cobot.access.roles import Role
+from cobot.addresses import IDEMPOTENCY_KEY
 from cobot.errors import CobotError, InputError
 from cobot.motions.bodies import MOTION_TAGS
 from cobot.strict import sentences, shown
@@ -81,7 +83,7 @@ class _CobotRequest(Request):
             # up, and must not cost the service its heartbeat while a motion depends on it.
             call = Call(self)
             async with self.app.state.large_body:
-                await call.services.ownership.await_free(call.token)
+                await call.services.ownership.await_free(CLIENT.get().sequence)
                 return await asyncio.to_thread(without_collection, _validated, body, model)
         except CobotError as exc:
             raise HTTPException(status_of(exc)) from exc  # FastAPI passes on no other class
@@ -143,9 +145,9 @@ class CobotRoute(APIRoute):
             if control:
                 ownership.require_control()
             strict = may_be_strict and is_strict(request)
-            key = key_of(request) if keyed else None
             request = _CobotRequest(request.scope, request.receive)
-            answered = handler(request) if key is None else answer_once(request, key, handler)
+            is_keyed = keyed and IDEMPOTENCY_KEY in request.headers
+            answered = answer_once(request, handler) if is_keyed else handler(request)
             return with_strict_status(await answered) if strict else await answered
 
         return handle

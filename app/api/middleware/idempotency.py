@@ -44,16 +44,13 @@ PARAMETER: dict[str, Any] = {
 Handler = Callable[[Request], Coroutine[Any, Any, Response]]
 
 
-def key_of(request: Request) -> str | None:
-    """Return the key of a request, without the quotation marks that the draft requires; None if the request
-    has no key.
+def _key_of(request: Request) -> str:
+    """Return the key of a request that has one, without the quotation marks that the draft requires.
 
     Raises:
         InputError: the key is empty, too long, has invalid characters, or occurs several times.
     """
     values = request.headers.getlist(IDEMPOTENCY_KEY)
-    if not values:
-        return None
     key = values[0].strip()
     if len(key) > 1 and key[0] == key[-1] == '"':
         key = key[1:-1]
@@ -69,17 +66,17 @@ def key_of(request: Request) -> str | None:
     return key
 
 
-async def answer_once(request: Request, key: str, handler: Handler) -> Response:
-    """Process a request, unless a request with the same key has already been processed.
+async def answer_once(request: Request, handler: Handler) -> Response:
+    """Process a request that has a key, unless a request with the same key has already been processed.
 
     Raises:
-        InputError: the key is that of another request.
+        InputError: the key is not valid, or is that of another request.
         ConflictError: the first request has no answer, because its client disconnected or the service was
             killed.
         UnavailableError: the key cannot be kept; nothing has begun.
         Exception: any error that the handler raises.
     """
-    keys = cast(Keys, request.app.state.keys)
+    keys, key = cast(Keys, request.app.state.keys), _key_of(request)
     digest = hashlib.sha256(f"{identity_of(request).name}\0{key}".encode()).digest()
     body = await request.body()
     same = (
