@@ -47,8 +47,8 @@ def note(robot: object, file: Path) -> None:
 def main() -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("--fd", type=int, required=True)
-    with socket(fileno=parser.parse_args().fd) as connection, connection.makefile("rwb") as channel:
-        _work(channel, None)
+    with socket(fileno=parser.parse_args().fd) as connection:
+        _work(connection, None)
     return 0
 
 

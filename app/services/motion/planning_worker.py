@@ -104,22 +104,23 @@ def main() -> int:
     gc.enable()
     # not earlier, because this would delay the start of the process on a busy computer
     set_niceness(Niceness.BACKGROUND)
-    with socket(fileno=arguments.fd) as connection, connection.makefile("rwb") as channel:
-        _work(channel, robot)
+    with socket(fileno=arguments.fd) as connection:
+        _work(connection, robot)
     return 0
 
 
-def _work(channel: Any, robot: Any) -> None:
-    _send(channel, message(None))
+def _work(connection: socket, robot: Any) -> None:
+    connection.sendall(message(None))
     failed: list[bytes] = []  # the newest preparation, if it has failed
-    while (received := _receive(channel)) is not None:
-        is_ahead, packed = received
-        _send(channel, BEGUN)
-        if is_ahead:
-            failed = [] if _outcome([packed], robot)[0] else [packed]
-            _send(channel, PREPARED)
-        else:
-            _send(channel, _answer([*failed, packed], robot))
+    with connection.makefile("rb") as channel:
+        while (received := _receive(channel)) is not None:
+            is_ahead, packed = received
+            connection.sendall(BEGUN)
+            if is_ahead:
+                failed = [] if _outcome([packed], robot)[0] else [packed]
+                connection.sendall(PREPARED)
+            else:
+                connection.sendall(_answer([*failed, packed], robot))
 
 
 def _answer(tasks: Sequence[bytes], robot: Any) -> bytes:
@@ -141,11 +142,6 @@ def _outcome(tasks: Sequence[bytes], robot: Any) -> tuple[bool, Any]:
         exc.add_note("".join(traceback.format_tb(exc.__traceback__)))
         return False, exc
     return True, found
-
-
-def _send(channel: BinaryIO, content: bytes) -> None:
-    channel.write(content)
-    channel.flush()
 
 
 def _receive(channel: BinaryIO) -> tuple[bool, bytes] | None:
