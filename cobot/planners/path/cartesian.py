@@ -15,7 +15,6 @@ import numpy as np
 from cobot.errors import CobotError, InputError, PlanningError, UnreachableError
 from cobot.findings import Finding
 from cobot.motions.requests import MotionRequest
-from cobot.planners.goals import is_there
 from cobot.planners.path.continued import SAME_RAD, STEPS, continued, joints_at, moving, share_along
 from cobot.planners.path.joint_path import through
 from cobot.planners.path.null_space import FEW, FINER, MANY, Particles
@@ -61,7 +60,9 @@ def follow(
     simple, reason = continued(robot, request.start, path, end)
     if simple is not None:
         places = simple.at(np.linspace(0.0, simple.length, PLACES))
-        if is_there(places[0], places):  # the TCP only turns about free axes or by a negligible angle
+        if (
+            np.abs(places - places[0]).max() < SAME_RAD
+        ):  # the TCP only turns about free axes or by a negligible angle
             return None
     motion = None
     if simple is not None and _is_free(robot, simple):

@@ -56,6 +56,7 @@ class Coordinates:
 
     Attributes:
         path, limits: the path and the joint limits.
+        zones: the zones of the path: a single one if the limits do not change.
         max_acceleration, max_jerk: limits of each coordinate, shape (m,), per s² and per s³.
     """
 
@@ -68,7 +69,7 @@ class Coordinates:
         zones: Zones | None = None,
     ) -> None:
         self._chain, self.path, self.limits = model.chain, path, limits
-        self._zones = zones
+        self.zones = zones or Zones(np.array([path.length]), np.ones((3, 1, path.dof + PARTS)))
         self._tcp: list[_Tcp] = []
         if tcp_limits is not None:
             places = np.linspace(0.0, path.length, LOOKS)
@@ -112,32 +113,15 @@ class Coordinates:
             shape (3, n, m); and the shortest time per s that the velocity limits allow, shape (n,).
         """
         joints = self.path.derivatives(places)
-        fastest = np.empty((len(places), len(self._max_velocity)))
-        fastest[:] = self._max_velocity
-        if self._zones is not None:
-            fastest *= self._zones.at(places)[0]
+        fastest = self._max_velocity * self.zones.at(places)[0]
         rows, slowness = coordinates_at(self._chain, joints, fastest, [tcp.directions for tcp in self._tcp])
         return joints, rows, slowness
-
-    @property
-    def zones(self) -> int:
-        """Number of zones with different limits."""
-        return 1 if self._zones is None else len(self._zones.ends)
-
-    @property
-    def shortest_zone(self) -> float:
-        """Length of the shortest zone, in the path parameter."""
-        return (
-            self.path.length if self._zones is None else float(np.diff(self._zones.ends, prepend=0.0).min())
-        )
 
     def shares(self, places: Array) -> Array:
         """Shares of the velocity, acceleration and jerk limits for each coordinate at these points, shape (3,
         n, m).
         """
-        if self._zones is None:
-            return np.ones((3, len(places), len(self._columns)))
-        return np.asarray(self._zones.at(places)[:, :, self._columns])
+        return np.asarray(self.zones.at(places)[:, :, self._columns])
 
 
 PARTS = 2

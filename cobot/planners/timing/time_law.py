@@ -110,7 +110,7 @@ def time_optimal(
     """
     limits = with_room(robot, limits)
     coordinates = Coordinates(robot.model, path, limits, tcp_limits, zones=zones)
-    most = MAX_CELLS * (1 if zones is None else len(zones.ends))
+    most = MAX_CELLS * len(coordinates.zones.ends)
     reference = _reference(coordinates)
     bounds = ((MIN_CELLS, most, cells) for cells in (CELLS_PER_BUILD_UP, FINER_CELLS))
     laws = (reference_motion(*reference, path.length, each) for each in bounds)
@@ -129,7 +129,8 @@ def with_room(robot: RobotDescription, limits: JointLimits) -> JointLimits:
 def _reference(coordinates: Coordinates) -> tuple[Array, Array, Array, Array]:
     """The first arguments of `reference_motion`, whose speed keeps the velocity and acceleration limits."""
     length, pieces = coordinates.path.length, len(coordinates.path.coefficients)
-    of_zones = min(ZONE_PLACES * length / max(coordinates.shortest_zone, 1e-12), MAX_ZONE_PLACES)
+    shortest = float(np.diff(coordinates.zones.ends, prepend=0.0).min())
+    of_zones = min(ZONE_PLACES * length / max(shortest, 1e-12), MAX_ZONE_PLACES)
     places = np.linspace(0.0, length, max(PLACES, 3 * pieces, math.ceil(of_zones)) + 1)
     _, (first, second, third), slowness = coordinates.at(places)
     _, acceleration, jerk = coordinates.shares(places)
@@ -225,7 +226,7 @@ class _Problem:
         jerks = np.concatenate([begins, ends, middles[:, ending]], axis=1)
         self._jerks = chained(derivatives[:, places], jerks, coordinates.max_jerk)
         self._shares = coordinates.shares(law[0, : self._cells])
-        if coordinates.zones > 1:
+        if len(coordinates.zones.ends) > 1:
             others = coordinates.shares(law[0, self._cells : last]), coordinates.shares(self._knots[0, 1:])
             self._shares = np.minimum(np.minimum(self._shares, others[0]), others[1])
         self._tightened = self._shares[1:].copy()
@@ -234,7 +235,7 @@ class _Problem:
         """Solve repeatedly, with tighter limits where extrema exceed the limits. Returns the fastest motion
         found.
         """
-        for _ in range(min(ROUNDS + self._coordinates.zones - 1, MAX_ROUNDS)):
+        for _ in range(min(ROUNDS + len(self._coordinates.zones.ends) - 1, MAX_ROUNDS)):
             if best.stretched <= TIGHT:
                 break
             again = self.solve()
