@@ -31,7 +31,9 @@ def plain_text(value: object, max_characters: int = MAX_MESSAGE) -> str:
 
 
 def joined_text(value: object, max_characters: int = MAX_MESSAGE) -> str:
-    """The text of any object in one printable line, where white space and line ends become single spaces."""
+    """The text of any object in one printable line, in which spaces and line breaks are replaced by single
+    spaces.
+    """
     text, head = _text(value), 2 * max_characters
     return plain_text(" ".join(text[:head].split()) + text[head:], max_characters)
 

@@ -75,7 +75,7 @@ class Pose:
 
     @classmethod
     def from_abc(cls, x: float, y: float, z: float, a: float, b: float, c: float) -> Self:
-        """Make a pose from a position, m, and KUKA angles, rad, see `kuka_quaternion`."""
+        """Make a pose from a position (m) and KUKA angles (rad); see `kuka_quaternion`."""
         angles = vector([a, b, c], name="angles")
         return cls(np.array([x, y, z]), np.array(kuka_quaternion(*angles.tolist())))
 

@@ -15,7 +15,9 @@ class Accepted:
 
 @dataclass(frozen=True, slots=True)
 class Later:
-    """The work takes several cycles. The part of rtloop that does the work sends the result at the end."""
+    """The command takes several cycles. The part of rtloop that executes the command sends the result at the
+    end.
+    """
 
 
 @dataclass(frozen=True, slots=True)

@@ -67,7 +67,7 @@ class Grip:
 
 
 def _at_most(value: float, able: tuple[float, float] | None, name: str, unit: str) -> float | None:
-    """Return the limit to command for a requested limit; None for the gripper's default."""
+    """Convert the limit that a goal requests to the limit to command. None means the gripper's default."""
     if value == 0.0:
         return None
     if able is None:

@@ -69,7 +69,8 @@ async def send_all_string(channel: Channel, value: list[int]) -> None:
 async def read_string(
     channel: Channel, prefix: str = "", suffix: str = "", timeout: float = TIMEOUT_S
 ) -> str:
-    """Read text: the part between a prefix and a suffix. Without a suffix, the text that has arrived.
+    """Read text: the part between a prefix and a suffix. If there is no suffix, all text that has arrived is
+    returned.
 
     Args:
         prefix: start of the text; everything before it is dropped. Empty for none.

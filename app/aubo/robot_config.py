@@ -131,7 +131,7 @@ def get_joint_max_torques(robot: Services) -> list[float]:
 
 @service("RobotConfig")
 def get_tcp_max_speeds(robot: Services) -> list[float]:
-    """The maximum velocities of the tool's tip along lines and arcs, linear and angular.
+    """The maximum linear and angular velocities of the tool's tip along lines and arcs.
 
     Returns:
         both velocities: [m/s, rad/s].
@@ -142,7 +142,7 @@ def get_tcp_max_speeds(robot: Services) -> list[float]:
 
 @service("RobotConfig")
 def get_tcp_max_accelerations(robot: Services) -> list[float]:
-    """The maximum accelerations of the tool's tip along lines and arcs, linear and angular.
+    """The maximum linear and angular accelerations of the tool's tip along lines and arcs.
 
     Returns:
         both accelerations: [m/s², rad/s²].

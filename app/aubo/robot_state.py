@@ -130,7 +130,7 @@ async def get_target_tcp_pose(robot: Services) -> list[float]:
 
 @service("RobotState")
 async def get_tool_pose(robot: Services) -> list[float]:
-    """The pose of the flange, from the measured joints. Tool and TCP are ignored.
+    """The pose of the flange, calculated from the measured joint positions. Tool and TCP are ignored.
 
     Returns:
         [x, y, z, rx, ry, rz] in the base frame, m and rad.

@@ -142,8 +142,8 @@ class Topic:
 
     @property
     def types(self) -> list[str]:
-        """The type that applies to all clients. If clients use different types: all types in use, the
-        publishers' types first.
+        """The type that applies to all clients. If clients use different types, all of these are returned,
+        the publishers' types first.
         """
         if advertised := self.advertised:
             return [advertised]

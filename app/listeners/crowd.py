@@ -124,8 +124,8 @@ class Crowd:
         return oldest is not None and now_s - oldest.since_s < grace_s
 
     def enter(self, address: str, close: Callable[[], object], now_s: float = 0.0) -> Visit | None:
-        """Give a new connection a place, if necessary by evicting another one. Returns None if all places
-        remain taken.
+        """Give a new connection a place, if necessary by evicting another connection. Returns None if no
+        place can be made free.
         """
         own = self._addresses.get(address)
         room = True

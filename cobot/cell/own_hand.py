@@ -189,7 +189,8 @@ def hand_of(settings: Settings) -> AnyHand | None:
 
 
 def cell_of(settings: Settings) -> Cell | None:
-    """The simulated cell. It is empty for a hand without a cell file, and None for the bare arm.
+    """The simulated cell. If there is a hand but no cell file, the cell is empty. None if there is only the
+    arm.
 
     Its `hand` and `cup` are defined in the cell file. Both are None if the arm's model contains a hand.
 

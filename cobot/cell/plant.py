@@ -317,7 +317,7 @@ def _add_mesh(
 
 
 def _add_grasp(spec: mujoco.MjSpec, finger: mujoco.MjsGeom, shape: mujoco.MjsGeom, part: CellPart) -> None:
-    """Add the contact between a shape of a finger or a cup and a shape of a part."""
+    """Add a contact between one shape of a finger or a cup and one shape of a part."""
     pair = spec.add_pair(
         geomname1=finger.name,
         geomname2=shape.name,

@@ -47,7 +47,7 @@ class Control(ABC, Generic[State]):
 
     @abstractmethod
     def get_state(self) -> State:
-        """The latest state that rtloop has measured. It is at most some milliseconds old.
+        """The latest state that rtloop has measured. It is at most a few milliseconds old.
 
         Raises:
             UnavailableError: rtloop does not answer.

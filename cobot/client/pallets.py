@@ -67,7 +67,7 @@ class PalletPlace:
         return resolved
 
     def turn(self, vector: Mapping[str, Any]) -> dict[str, float]:
-        """Convert a direction relative to this place into `frame_id`."""
+        """Convert a direction from the axes of this place to the axes of `frame_id`."""
         return self._named(rotated(self.quaternion, _vector(vector)))
 
     def _pose(self, pose: Mapping[str, Any]) -> dict[str, float]:
@@ -117,7 +117,7 @@ def require_grid(counts: Sequence[int], offsets: Sequence[Mapping[str, Any]]) ->
 def places(
     origin: Mapping[str, Any], counts: Sequence[int], offsets: Sequence[Mapping[str, Any]]
 ) -> Iterator[PalletPlace]:
-    """The places of a pallet. The first direction changes fastest.
+    """The places of a pallet, in an order in which the first direction changes fastest.
 
     Args:
         origin: pose of the first place: x, y, z, a, b, c and `frame_id`.

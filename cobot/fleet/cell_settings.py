@@ -112,7 +112,7 @@ class CellSettings:
         return self.switch(name)
 
     def switch(self, name: str) -> list[str]:
-        """Activate the settings of an earlier bundle; with "", only the user's settings.
+        """Activate the settings of an earlier bundle. If its name is "", only the user's settings are used.
 
         Returns:
             The changes that need a cell restart.

@@ -98,7 +98,8 @@ class RobotEvent(StrictModel):
 
 
 class HubTime(StrictModel):
-    """The time of the fleet: a clock that starts at 0 with one hub, independent of the time of day.
+    """The time of the fleet. This clock starts at 0 when a hub starts, and does not depend on the time of
+    day.
 
     Attributes:
         epoch: the hub's instance. Times of different epochs cannot be compared.

@@ -144,8 +144,8 @@ class DigitalRig(PointRig):
 
 
 class VacuumRig(PointRig):
-    """A simulated suction cup. With a part at the cup, the vacuum builds up and decays over time. Without a
-    part, there is no vacuum.
+    """A simulated suction cup. The vacuum builds up while it is switched on and a part is at the cup.
+    Otherwise it decays.
     """
 
     BUILD_UP_S = 0.2

@@ -270,7 +270,9 @@ class Gripper(Protocol):
         ...
 
     def move(self, width: float, speed: float | None, force: float | None) -> None:
-        """Move to a width within `capabilities`. None means the default speed or force."""
+        """Move to a width within the range in `capabilities`. If the speed or the force is None, its default
+        is used.
+        """
         ...
 
     def grasp(self, grasp: Grasp) -> None:

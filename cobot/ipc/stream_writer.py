@@ -103,8 +103,8 @@ class PointWriter:
         self._session, self._seen, self.number = session, 0, 0
 
     def put(self, joints: Sequence[float], time_s: float, lookahead_s: float, gain: float) -> bool:
-        """Write a point, rad and s. Returns False if the ring is full, because rtloop has not read enough
-        points.
+        """Write a servo point, in rad and s. Returns False if the ring is full because rtloop has not read
+        enough points.
         """
         if self.number - self._seen >= POINTS:
             self._look()

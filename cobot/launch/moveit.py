@@ -158,7 +158,7 @@ def package_name(settings: Settings) -> str:
 
 
 def moveit_files(settings: Settings) -> dict[str, str]:
-    """The content of each file, by its path in the package folder."""
+    """The content of each file. The keys are the files' paths in the package folder."""
     robot = load_robot(settings)
     description = urdf(robot.model.mj, robot.limits, robot.model.tcp_site)
     name, group = settings.robot.name, settings.robot.group

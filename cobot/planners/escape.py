@@ -140,7 +140,7 @@ def _pushed_out(robot: RobotDescription, start: Array, begin: Array, wanted_m: f
 
 
 def _shortest(rows: Array, needs: Array) -> Array | None:
-    """The shortest x with rows @ x >= needs; None if no x fulfils this.
+    """The shortest x with rows @ x >= needs; None if there is no such x.
 
     This is least distance programming (Lawson and Hanson, "Solving Least Squares Problems", 1974, chapter
     23).

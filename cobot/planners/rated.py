@@ -25,7 +25,7 @@ ROUNDING = 1e-6
 
 
 def plan_rated(robot: RobotDescription, move: RatedMove) -> Leg | None:
-    """Plan and validate a motion, with its limits; None if the arm is already at the goal.
+    """Plan and validate a motion, and return it with its limits; None if the arm is already at the goal.
 
     The limits of a motion with a duration are chosen so that it takes about as long when it is blended.
 

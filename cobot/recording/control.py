@@ -25,7 +25,7 @@ contains all cycles at this time, so the new recorder misses none.
 
 
 def socket_path(default_robot: str) -> Path:
-    """Path of the socket that the recorder of a `cobot run` listens on.
+    """Path of the socket on which the recorder of a `cobot run` listens.
 
     Its folder is private to the user.
     """

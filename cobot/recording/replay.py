@@ -17,8 +17,8 @@ rad.
 
 
 def points_of(cycles: Cycles, every_s: float, *, measured: bool = False) -> tuple[Array, Array]:
-    """The points of the motion: times that start at 0 (s), and joint positions (rad). Shapes: (n,) and (n,
-    dof).
+    """The points of the recorded motion: times (s) that begin at 0, and joint positions (rad). Shapes: (n,)
+    and (n, dof).
 
     The time without movement before and after the motion is left out.
 

@@ -157,7 +157,9 @@ class CollisionChecker:
         return self.clearance.is_free(joints)
 
     def contacts(self, joints: Array) -> list[Contact]:
-        """All pairs of bodies closer than the margin, deepest contact first."""
+        """All pairs of bodies that are closer to each other than the margin. The deepest contact is listed
+        first.
+        """
         distances = self.clearance.distances(np.asarray(joints)[None], max(self.margin_m, 0.0))[0]
         found: dict[tuple[str, str], float] = {}
         for index in np.flatnonzero(distances < self.margin_m):

@@ -45,8 +45,8 @@ class _Shape:
 
 
 def tree_around(mj: mujoco.MjModel, geom: int) -> Array:
-    """The spheres around a geom, in the geom's own frame, as rows of the same form as those of `cover`. The
-    caller must not change them.
+    """The spheres around a geom, in the geom's own frame, as rows in the same format as the rows of `cover`.
+    The caller must not change them.
     """
     shape = _shape(mj, geom)
     return _TREES.get(shape.key, shape.make)

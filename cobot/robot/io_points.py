@@ -40,7 +40,9 @@ class IoPoint:
 
     @property
     def shown(self) -> bool | int | float | None:
-        """The value in the type of the point's kind; None if the device reports an invalid number."""
+        """The value in the type that belongs to the point's kind. None if the device reports an invalid
+        number.
+        """
         if not math.isfinite(self.value):
             return None
         if self.kind is IoKind.BOOLEAN:

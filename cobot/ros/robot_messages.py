@@ -56,8 +56,8 @@ class RobotMessages:
         self._fixed = [body for body in range(1, model.mj.nbody) if not model.mj.body_jntnum[body]]
 
     def joint_state(self, state: np.ndarray, fingers: FingerState | None = None) -> Message:
-        """sensor_msgs/msg/JointState with measured values in rad, rad/s and N·m. The fingers follow if they
-        are known.
+        """sensor_msgs/msg/JointState with measured values in rad, rad/s and N·m. If the state of the fingers
+        is known, the finger joints are listed last.
         """
         rows = {} if fingers is None else fingers.rows
         measured = {name: state[name].tolist() + rows.get(name, []) for name in MEASURED}

@@ -360,7 +360,7 @@ class Simulated(Protocol):
         ...
 
     def pull(self, link: str, point: Array, target: Array) -> None:
-        """Pull at a point on a link with a spring, as a hand does, for 0.2 s or until the next call. It has
+        """Pull at a point on a link, as a hand on a spring does, for 0.2 s or until the next call. This has
         an effect only while the arm has an impedance. The force is limited.
 
         Args:

@@ -86,7 +86,7 @@ class ThreadedEnabling:
         return False
 
     def cancel(self) -> bool:
-        """Make the thread switch the drives off once the current attempt and any earlier one have ended.
+        """Let the thread switch the drives off as soon as the current attempt and any earlier one have ended.
         Returns False if there is no current attempt.
         """
         attempt = self._attempt

@@ -60,7 +60,9 @@ class ContractRig(Protocol):
 
 
 class PlainRig:
-    """A rig for simulations without a rig. It injects faults between the backend and the cycle."""
+    """A rig for simulations that have no rig of their own. It injects faults between the backend and the
+    cycle.
+    """
 
     faults = frozenset({"disconnect", "frozen", "nan"})
 

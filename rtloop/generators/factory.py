@@ -17,9 +17,7 @@ def make_interpolator(
     max_acceleration: Array,
     max_jerk: Array,
 ) -> Interpolator:
-    """Make an interpolator for n coordinates. The limits are of shape (n,) and in the units of the
-    coordinates.
-    """
+    """Make an interpolator for n coordinates. The limits have shape (n,) and the units of the coordinates."""
     if kind is Interpolation.NONE:
         return Hold(n, period_s)
     if kind is Interpolation.LINEAR:

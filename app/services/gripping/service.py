@@ -342,7 +342,7 @@ class GripperService:
             await self._stopping.stop_motion(StopReason(why, "gripper"))
 
     async def _watch(self, worker: GripperWorker) -> None:
-        """Watch for stops and e-stops from any source, and end the current command."""
+        """Watch for stops and e-stops from any source. If one occurs, end the current command."""
         stops, latched = self._ownership.stops, False
         while True:
             await asyncio.sleep(WATCH_S)

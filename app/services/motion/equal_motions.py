@@ -62,7 +62,7 @@ class EqualMotions:
             await asyncio.wait(tasks)
 
     async def move(self, targets: dict[str, RobotTarget]) -> None:
-        """Start a motion of several robots, which all take as long as the slowest one. Returns when all
+        """Start a motion of several robots. Every robot takes as long as the slowest one. Returns when all
         motions have begun.
 
         Raises:

@@ -109,7 +109,7 @@ class Frames:
         return self._in_world(reference).inverse() @ self._in_world(name)
 
     def way_up(self, name: str) -> list[str]:
-        """Yield the names of the frame and of its ancestors, without the world."""
+        """Yield the names of the frame and of its ancestors, except the world."""
         way = []
         while name != WORLD:
             way.append(name)

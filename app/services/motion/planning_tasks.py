@@ -192,7 +192,7 @@ def draw_picture(robot: RobotDescription, joints: Array, poses: Array) -> bytes:
 
 
 def read_recorded_path(robot: RobotDescription, path: Path, samples: int) -> RecordedPath:
-    """Read a path as in `cobot.recording.reader.read_path`, and add the TCP poses.
+    """Read the path in a recording with `cobot.recording.reader.read_path`, and add the TCP poses.
 
     Raises:
         InputError: the recording is from an arm with a different number of joints.

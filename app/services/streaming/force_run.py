@@ -136,7 +136,9 @@ class ForceRun:
                 return
 
     def _active_s(self) -> float:
-        """Return the duration of the motion so far, s, without the pauses that extend the timeout."""
+        """Return for how long the motion has been running, s. Pauses that extend the timeout are not
+        counted.
+        """
         paused_s = self._ownership.speed_override.paused_s - self._paused_s
         return self._link.clock.now_s() - self._begun_s - min(paused_s, MAX_PAUSE_S)
 

@@ -81,7 +81,7 @@ class FreedriveState:
 
 
 class Guidance:
-    """Calculates the motion of one robot from the push of a hand.
+    """Calculates how a robot moves while a person pushes it by hand.
 
     Attributes:
         velocity: joint velocities of the newest target, rad/s or m/s, shape (dof,).

@@ -111,7 +111,7 @@ def make_backup(settings: Settings, source: Path | None) -> bytes:
 
 
 def read_backup(content: bytes, settings: Settings) -> Backup:
-    """Check an archive completely, for the robots in these settings.
+    """Check completely that an archive can be restored for the robots in these settings.
 
     Raises:
         InputError: the content is not a backup, is damaged or hostile, or is from different robots or a newer

@@ -66,7 +66,7 @@ class FingerPair:
     def open(
         self, spec: mujoco.MjSpec, mj: mujoco.MjModel, rest: Mapping[str, float]
     ) -> tuple[OwnHand, str] | str:
-        """Open the fingers in a specification from which the fingers' joints have been removed.
+        """Open the fingers in a specification whose finger joints have been removed.
 
         Args:
             mj: the compiled specification.

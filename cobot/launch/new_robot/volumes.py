@@ -104,7 +104,9 @@ class _Shape:
         return np.zeros((0, 4)) if self._hull is None else np.unique(self._hull.equations.round(6), axis=0)
 
     def sampled(self, random: np.random.Generator, number: int) -> Array:
-        """Points in the shape, in the link's frame. Their number is at most `number` and at least one."""
+        """Random points in the shape, in the link's frame. There are at least one and at most `number` of
+        them.
+        """
         points = random.uniform(self._low, self._high, (number, 3))
         inside = points[self._inside(points)]
         if not len(inside):  # a thin shape

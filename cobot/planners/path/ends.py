@@ -89,7 +89,7 @@ def follow_or_relax(
 
 
 def full_turns(start: Pose, arc: Arc | None) -> float | None:
-    """The angle, rad, of an arc that ends at its start after full turns; None for other arcs."""
+    """If an arc makes full turns and therefore ends at its start, return its angle, rad; otherwise None."""
     if arc is None or arc.angle_rad is None or arc.axis is None or arc.rise_m != 0.0:
         return None
     angle = 2.0 * np.pi * round(arc.angle_rad / (2.0 * np.pi))

@@ -112,7 +112,9 @@ class Particles:
         return True
 
     def _keep_inside(self, room_rad: float) -> None:
-        """Keep this distance from the joint limits, rad or m, unless the start is nearer to a limit."""
+        """Keep this distance (rad or m) from the joint limits. If the start is nearer to a limit, keep only
+        the start's distance.
+        """
         limits = self._robot.limits
         self._low = np.minimum(limits.min_position + room_rad, self._start)
         self._high = np.maximum(limits.max_position - room_rad, self._start)

@@ -44,8 +44,8 @@ class TcpPath:
 
 
 def turn_between(start: Pose, goal: Pose) -> Array:
-    """The rotation vector from the start orientation to the goal orientation, the shorter way. Shape: (3,),
-    in rad.
+    """The rotation vector of the shorter rotation from the start orientation to the goal orientation. Shape:
+    (3,), in rad.
     """
     return np.array(quaternion.between(start.quaternion.tolist(), goal.quaternion.tolist()))
 

@@ -50,7 +50,7 @@ STRAIGHT_STARTS = 3
 
 def plan_chomp(robot: RobotDescription, request: MotionRequest, goals: Array) -> Trajectory:
     """A smooth motion near the straight line in joint space to one of the goals, or near a path from ompl.
-    The motion's `note` reports if the path is from ompl.
+    The motion's `note` states whether a path from ompl was used.
 
     Raises:
         PlanningError: every descent ended in a path that touches something; reports what, where and how deep.

@@ -118,7 +118,9 @@ class _Steps:
         self.trees: tuple[_Tree, _Tree]
 
     def paths(self, start: Array, goals: Array) -> list[list[Array]]:
-        """Several paths; fewer if the first ones needed many checks."""
+        """Search for several paths. After a path that needed many checks, no further paths are searched
+        for.
+        """
         begun = self._clearance.evaluations
         found: list[list[Array]] = []
         while len(found) < SEARCHES and (way := self._connect(start, goals)):

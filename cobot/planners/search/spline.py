@@ -64,7 +64,7 @@ def smooth_motion(
 
 
 def resampled(corners: Array, count: int) -> Array:
-    """`count` control points along a polyline, shape (count, dof), including its ends.
+    """`count` control points along a polyline, including its ends. Shape: (count, dof).
 
     They are at the Greville abscissae, so that the spline of a straight line has constant speed.
     """

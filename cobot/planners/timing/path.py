@@ -80,7 +80,7 @@ class JointCurve:
 
     @classmethod
     def straight(cls, start: Array, goal: Array) -> JointCurve:
-        """The straight line between two points, shape (dof,) each, over s in [0, 1]."""
+        """The straight line from one point to another, with s from 0 to 1. The points have shape (dof,)."""
         coefficients = np.zeros((1, len(start), ORDER))
         coefficients[0, :, 0], coefficients[0, :, 1] = start, goal - start
         return cls(np.array([0.0, 1.0]), coefficients)
@@ -115,7 +115,9 @@ class JointCurve:
         return control_points(self.coefficients, np.diff(self.breakpoints))
 
     def places_outside(self, low: Array, high: Array) -> Array:
-        """The starts of all pieces that leave the range from `low` to `high`, shape (dof,) each."""
+        """The parameters at which the pieces begin that leave the range from `low` to `high`. These limits
+        have shape (dof,).
+        """
         hull = self.bezier()
         if (hull >= low).all() and (hull <= high).all():
             return np.empty(0)

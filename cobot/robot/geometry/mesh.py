@@ -154,7 +154,9 @@ def _fitting(corners: Array, tolerance_m: float, room: int) -> Array:
 
 
 def _boxes(corners: Array, tolerance_m: float) -> tuple[Array | None, int]:
-    """Middle and edges of each box, shape (k, 6), and the number of cells; None if there are too many."""
+    """The boxes, as rows of centre and edge lengths, shape (k, 6), and the number of cells. The boxes are
+    None if there are too many cells.
+    """
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     edge_m = tolerance_m / math.sqrt(3.0)
     counts = np.maximum(1, np.ceil((high - low) / edge_m - 1e-9)).astype(np.int64)

@@ -151,7 +151,7 @@ class _CycleKernel:
 
 
 def duration_of(planned: list[PlannedMove], robot: RobotDescription, radius_m: float) -> float:
-    """A program's duration, s, with this blend radius at all corners where the arm need not stop.
+    """A program's duration, s, if the given blend radius is used at all corners where the arm need not stop.
 
     Raises:
         PlanningError: the motions cannot be blended.

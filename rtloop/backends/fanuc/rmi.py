@@ -44,7 +44,7 @@ class RmiLines(Protocol):
     def send(self, line: bytes) -> None: ...
 
     def receive(self, timeout_s: float) -> bytes:
-        """Receive the next line, without its line end.
+        """Receive the next line, without its line ending.
 
         Raises:
             OSError: no line arrives in time, or the connection is closed.

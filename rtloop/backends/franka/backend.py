@@ -241,7 +241,9 @@ class FrankaBackend:
         self._link.robot.set_load(tool.mass, list(tool.centre), inertia)
 
     def _start(self) -> None:
-        """Begin to control the robot, from its own reference position."""
+        """Begin to control the robot. The commands begin at the position that the robot itself has as its
+        reference.
+        """
         if self._impedance is None:
             mode = self._franka.ControllerMode.JointImpedance
             self._link.control = self._link.robot.start_joint_position_control(mode)

@@ -258,7 +258,7 @@ class FriBackend:
         self._answers.torque[:] = torque
 
     def write_wrench(self, wrench: Array) -> None:
-        """Set the wrench that the TCP exerts from the next `write` on, shape (6,), N and N·m. Real-time
+        """Set the wrench that the TCP exerts from the next `write` on. Shape: (6,), in N and N·m. Real-time
         safe.
         """
         self._answers.wrench[:] = wrench

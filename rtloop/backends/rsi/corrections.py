@@ -198,7 +198,9 @@ class FollowWatch:
             self._sum += values / (MICRO * self._layout.scale)
 
     def check(self, measured: Array, reference: Array) -> Accepted | Rejected:
-        """Check that the measured position is one of the last commanded ones, within the tolerance."""
+        """Check that the measured position matches one of the last commanded positions within the
+        tolerance.
+        """
         if not self._filled:
             return ACCEPTED
         low, high = self._rows.min(axis=0), self._rows.max(axis=0)

@@ -296,7 +296,7 @@ class QueueMotion:
         job.set_left_s(left_s)
 
     async def _prolong(self, claim: Claim, line: QueueLine) -> None:
-        """Extend the current motion with the next moves that can be joined.
+        """Extend the current motion with those of the next moves that can be joined to it.
 
         If the extension cannot be planned, the error is reported when the moves would begin.
         """

@@ -104,7 +104,7 @@ class UrServer:
     ) -> None:
         """
         Args:
-            patience_s: maximum time for which the controller's clock stops to wait for a late command, s.
+            patience_s: maximum time for which the controller stops its clock until a late command arrives, s.
             robot_api_port: TCP port of the Robot API, for PolyScope X.
 
         Raises:
