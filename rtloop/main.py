@@ -100,8 +100,8 @@ def _run(settings: Settings, clock_name: str | None) -> None:
     granted: list[Permissions] = []
 
     def prepare_timing() -> None:
-        """Do everything that takes long before the device is connected. Once it is connected, the device may
-        expect answers on time.
+        """Complete all slow preparations before the device is connected. A connected device may expect
+        answers on time.
         """
         loop.controller.tool_and_scene.watch_scene()
         granted.append(_permissions(rt, clock_name))

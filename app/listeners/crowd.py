@@ -115,8 +115,8 @@ class Crowd:
         return self._count + self._reserved.count
 
     def would_evict_recent(self, now_s: float, grace_s: float) -> bool:
-        """Whether a new connection would evict another connection, which got its place from the reserve less
-        than `grace_s` ago.
+        """Whether a new connection would evict a connection that got its place from the reserve less than
+        `grace_s` ago.
         """
         if self._count < self.per_address or self._reserved.count < self._reserve:
             return False

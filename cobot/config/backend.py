@@ -71,7 +71,9 @@ def _gripper_section(value: object, info: ValidationInfo) -> object:
 
 
 def _as_in_a_file(section: BackendSection | None) -> object:
-    """The section with its absolute folder, as another file could contain it even in a different folder."""
+    """The backend section with the absolute path of its folder, so that a file in any folder can contain
+    it.
+    """
     if section is None or not section.options:
         return section and section.type
     return {"type": section.type, "folder": str(section.folder), **section.options}

@@ -39,8 +39,8 @@ log = logging.getLogger("cobot.ros2")
 
 
 class JointStateWriter:
-    """Writes sensor_msgs/msg/JointState as CDR by filling in a template. This takes 6 µs; encoding the whole
-    message takes 90 µs.
+    """Writes sensor_msgs/msg/JointState as CDR by filling in a template, which takes 6 µs. Encoding the whole
+    message would take 90 µs.
 
     Args:
         template: a message for the same joints, as CDR.

@@ -394,7 +394,7 @@ class FleetCell:
 
 
 def _unproven(who: str) -> str:
-    """The client's name for the audit, for a command without a hub's signature."""
+    """The name that the audit records for the client if no hub has signed the command."""
     return who if who == ANONYMOUS else claimed(who.strip('"'))
 
 

@@ -38,8 +38,8 @@ class FirstTarget:
             self._target = setpoint.copy()
 
     def refusal(self, session: int, state: np.ndarray) -> str:
-        """The reason why the first target was rejected. Only the first call that knows the reason returns it.
-        "" if the target was not rejected, or if that is not known yet.
+        """The reason why the first target was rejected. It is returned only once. "" if the target was not
+        rejected, or if that is not known yet.
         """
         if self._known or self._target is None:
             return ""

@@ -54,8 +54,8 @@ class GivingWay:
         self._springs.use(impedance)
 
     def torques(self, command: Array, position: Array, velocity: Array) -> Array:
-        """Return the torques to command in this cycle, shape (dof,), N·m. The torques against gravity are not
-        included, because the robot adds them itself.
+        """Return the torques to command in this cycle, shape (dof,), N·m. They do not compensate gravity,
+        because the robot itself does.
 
         The torques never change faster than the robot permits. If a measured value is not finite, the
         springs' torques are zero, and the commanded torques fade out.

@@ -175,7 +175,7 @@ class Participant:
 
     def record_in(self, participant_record: ParticipantRecord) -> None:
         """Record the data with which a successor can announce the end of this participant. The successor
-        needs them if this process is killed.
+        needs this data if this process is killed.
         """
         with self._lock:
             interfaces = [str(interface.ip) for interface in self._wire.interfaces]

@@ -88,7 +88,7 @@ def _require_plain(entries: list[zipfile.ZipInfo]) -> None:
 
 
 def _read(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
-    """Read a file. At most as many bytes are decompressed as the archive lists for the file."""
+    """Read a file, but do not decompress more bytes than the archive lists for it."""
     with archive.open(entry) as file:
         content = file.read(entry.file_size + 1)
     if len(content) != entry.file_size:

@@ -145,8 +145,8 @@ def _through(
     until: float,
     window: tuple[float, float],
 ) -> tuple[Trajectory, float, float] | None:
-    """Try `make_transition` in one time window, `window`: the time at which the transition begins, and its
-    approximate duration. Returns None if the transition fails.
+    """Try `make_transition` in one time window. `window` contains the time at which the transition begins,
+    and its approximate duration. Returns None if this fails.
     """
     first = int(np.searchsorted(old.trajectory.breakpoints_s, window[0]))
     begin_s = float(old.trajectory.breakpoints_s[first])

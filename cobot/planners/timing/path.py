@@ -115,7 +115,7 @@ class JointCurve:
         return control_points(self.coefficients, np.diff(self.breakpoints))
 
     def places_outside(self, low: Array, high: Array) -> Array:
-        """The parameters at which the pieces begin that leave the range from `low` to `high`. These limits
+        """The parameter at the start of each piece that leaves the range from `low` to `high`. Both limits
         have shape (dof,).
         """
         hull = self.bezier()

@@ -276,7 +276,7 @@ class RsiBackend:
 
     @staticmethod
     def controller_files(settings: Settings, limits: JointLimits) -> dict[str, str]:
-        """Return the text of each file for the controller, by the file's path. See the module `files`."""
+        """Return the files for the controller: the text of each, by its path. See the module `files`."""
         return files_for(settings, limits)
 
     @staticmethod

@@ -76,8 +76,8 @@ def add_packet_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_process_options(parser: argparse.ArgumentParser, message: str) -> None:
-    """Add the options for the priority of a simulator and its patience. `message` names what the simulator
-    waits for.
+    """Add a simulator's options for its priority and its patience. `message` names what the simulator waits
+    for.
     """
     add, patience = parser.add_argument, within(float, 0, MAX_PATIENCE_S)
     priority_help = "real-time priority (SCHED_FIFO), 1 to 99, if permitted"

@@ -141,7 +141,7 @@ class QueueSignals:
         return move.signals.pending > 0
 
     def _tell(self) -> None:
-        """Inform the follower of each move about where on the path the move's signals are."""
+        """Tell each move's follower where on the path the move's signals are."""
         for move in self._moves:
             placed, follower = self._placement.placed.get(move.number), move.signals.follower
             if placed is not None and follower is not None:

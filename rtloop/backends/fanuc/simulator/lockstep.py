@@ -94,7 +94,9 @@ class FanucLockStep:
             self.step()
 
     def connect(self, port: int, timeout_s: float) -> RmiLines:
-        """Open a connection to a port of the Remote Motion Interface. Returns its lines of text."""
+        """Open a connection to a port of the Remote Motion Interface. Returns an object that exchanges lines
+        of text.
+        """
         if self.off:
             raise TimeoutError("timed out")
         if port == SESSION_PORT:
