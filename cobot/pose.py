@@ -81,12 +81,12 @@ class Pose:
 
     @property
     def abc(self) -> Numbers3:
-        """The orientation as KUKA angles, rad, see `kuka_angles`."""
+        """The orientation as KUKA angles (rad); see `kuka_angles`."""
         return kuka_angles(self.quaternion.tolist())
 
     @property
     def numbers(self) -> Numbers7:
-        """The position, m, and the quaternion as x, y, z and w, x, y, z."""
+        """The position (m) as x, y, z, and the quaternion as w, x, y, z."""
         x, y, z = self.position.tolist()
         return (x, y, z, *self.quaternion.tolist())
 

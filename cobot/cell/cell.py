@@ -262,8 +262,8 @@ class ContactSwitch(CellEntry):
 
 
 class Distance(CellEntry):
-    """An analog input with the distance, m, from a point to the nearest object in front of it; at most
-    `range_m`.
+    """An analog input that measures the distance (m) from a point to the nearest object in front of it. The
+    value is at most `range_m`.
     """
 
     type: Literal["distance"]

@@ -19,7 +19,7 @@ class ForceMoves(Moves):
     """
 
     def press(self, force: float, *, wait: bool = True, **how: Any) -> Json | JobHandle:
-        """Approach until contact, then hold a force, N, for `duration_s`."""
+        """Approach until contact, then hold a force (N) for `duration_s`."""
         return self._force("press", wait, force=force, **how)
 
     def follow(self, force: float, motion: Json, *, wait: bool = True, **how: Any) -> Json | JobHandle:
@@ -41,7 +41,7 @@ class ForceMoves(Moves):
         return self._force("search", wait, force=force, **how)
 
     def insert(self, force: float, depth: float, *, wait: bool = True, **how: Any) -> Json | JobHandle:
-        """Search for a hole with a force, N, then push into it to a depth, m.
+        """Search for a hole with a force (N), then push into the hole to a depth (m).
 
         Args:
             how: `compliance`, and the fields of `search`.

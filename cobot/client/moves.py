@@ -174,7 +174,7 @@ class Moves(Jobs):
         wait: bool = True,
         **more: Any,
     ) -> Json | JobHandle:
-        """Turn the TCP by `angle`, rad, about the axis through `centre`, m. Returns when the motion is
+        """Turn the TCP by `angle` (rad) about the axis through `centre` (m). Returns when the motion is
         complete.
 
         Args:

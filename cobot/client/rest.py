@@ -93,7 +93,8 @@ class Client(ForceMoves, Steps, EventConnection):
     def teach_position(
         self, name: str, joints: Sequence[float] | None = None, description: str = "", label: str = ""
     ) -> Json:
-        """Save a named position with these joint angles, rad, or with the current ones if none are given.
+        """Save a named position with the given joint angles (rad), or with the current ones if none are
+        given.
 
         Args:
             name: name in programs: letters, digits and _ . -

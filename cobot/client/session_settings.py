@@ -83,7 +83,7 @@ class SessionSettings:
         self._request["force_frame"] = frame
 
     def set_null_space_posture(self, ref_pos: Sequence[float]) -> None:
-        """Set the joint angles, rad, to which the arm stays as close as the TCP pose permits."""
+        """Set the joint angles (rad) to which the arm stays as close as the TCP pose permits."""
         posture = vector(ref_pos, self._dof, name="ref_pos")
         low, high = self._limits_of["min_position"], self._limits_of["max_position"]
         if not ((posture >= low) & (posture <= high)).all():

@@ -56,8 +56,8 @@ class Fence:
         return f"{times_s[first]:.2f} s into the motion {found}" if found else ""
 
     def beyond(self, place: Array, speed_m_s: float) -> str:
-        """A sentence that reports a violation of the fence by a TCP position, shape (3,), m, or by a speed;
-        "" if nothing violates the fence.
+        """A sentence that reports that a TCP position (m, shape (3,)) or a speed violates the fence; "" if
+        nothing violates it.
         """
         for axis, value, low, high in zip("xyz", place, self.low, self.high, strict=True):
             if not low <= value <= high:

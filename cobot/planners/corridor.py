@@ -107,8 +107,8 @@ def _averaged(rows: Array, steps: int, times: int) -> Array:
 
 
 def shift_along(apart: Array, direction: Array) -> Array:
-    """Time shift, s, that brings a motion along `direction` closest to a point at offset `apart`, shape
-    (n,).
+    """The time by which to shift a motion so that it is closest to a point at the offset `apart`. The motion
+    proceeds along `direction`. Shape: (n,), in s.
     """
     square = np.einsum("ij,ij->i", direction, direction) + STANDSTILL**2
     return np.asarray(np.einsum("ij,ij->i", apart, direction) / square)

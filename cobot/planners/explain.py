@@ -96,7 +96,7 @@ def explain(
 
 
 def _plan_idea(robot: RobotDescription, request: MotionRequest, idea: Idea, left_s: float) -> float:
-    """The duration of the changed motion, s, which is planned within `left_s`."""
+    """Plan the changed motion within `left_s`, and return its duration, s."""
     if idea.problem is not None:
         raise idea.problem
     request = replace(request, timeout_s=min(request.timeout_s, left_s))

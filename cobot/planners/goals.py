@@ -21,7 +21,7 @@ def is_there(start: Array, goal: Array) -> bool:
 
 
 def joint_goals(robot: RobotDescription, request: MotionRequest) -> Array:
-    """All known collision-free goals, shape (n, dof), rad, sorted by their distance from the start.
+    """All known collision-free goals, sorted by their distance from the start. Shape: (n, dof), in rad.
 
     Raises:
         LimitError: joint angles beyond the limits.

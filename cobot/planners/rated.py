@@ -95,8 +95,8 @@ def slowed_joints(limits: JointLimits, velocity: float, acceleration: float) -> 
 
 
 def slowed_tcp(limits: CartesianLimits, velocity: float, acceleration: float) -> CartesianLimits:
-    """Limit the TCP to `velocity`, m/s, and `acceleration`, m/s²; jerk and rotation are reduced in
-    proportion.
+    """Limit the TCP to `velocity` (m/s) and `acceleration` (m/s²). The limits of jerk and rotation are
+    reduced in proportion.
     """
     faster = min(1.0, velocity / limits.max_linear_velocity)
     harder = min(1.0, acceleration / limits.max_linear_acceleration)

@@ -47,7 +47,7 @@ class FieldCodec(Protocol):
     """Interface for one kind of field."""
 
     def default(self) -> Any:
-        """The default of ROS for this field."""
+        """ROS's default for this field."""
         ...
 
     def check(self, value: Any, path: str) -> Any:

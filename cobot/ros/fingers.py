@@ -35,7 +35,7 @@ class FingerState:
 
     @property
     def rows(self) -> dict[str, list[float]]:
-        """Position, m, velocity, m/s, and effort, N, of each joint."""
+        """Position (m), velocity (m/s) and effort (N) of each joint."""
         joints = len(FINGER_JOINTS)
         return {
             "position": [0.5 * self.width] * joints,

@@ -51,7 +51,7 @@ async def plan_within_budget(
     plan_first: Callable[[], Awaitable[Trajectory | None]],
     budget_s: float,
 ) -> Trajectory | Improving | None:
-    """Plan a motion, then use the rest of the time budget, s, to search for faster ones. If the scene or the
+    """Plan a motion, then use the rest of the time budget (s) to search for faster ones. If the scene or the
     tool changes in the meantime, planning starts over.
 
     Raises:

@@ -166,9 +166,9 @@ class MoveService:
         return JoinedMoves(blended.trajectory, signals, tuple(ends_s[count] for count in parts))
 
     async def place(self, course: JoinedMoves, start: Array) -> tuple[Trajectory | None, Placed]:
-        """Return the trajectory to run from `start`, shape (dof,), rad, and its actions and conditions; see
-        `place_signals`. If the arm is already at the goal, the trajectory is a motion of zero length if there
-        are actions or conditions, and None otherwise.
+        """Return the trajectory to run from `start`, and its actions and conditions; see `place_signals`. If
+        the arm is already at the goal, the trajectory has zero length if there are actions or conditions;
+        otherwise it is None. `start` has shape (dof,), in rad.
         """
         if not any(course.signals):
             return course.trajectory, NO_PLACED

@@ -113,8 +113,8 @@ class Plan:
                 )
 
     def require_start(self, joints: Array, where: str = "is", most_rad: float = START_TOLERANCE_RAD) -> None:
-        """Check that these joint positions, shape (dof,), rad, are at the start of the plan. Raises
-        `ConflictError` if they are not.
+        """Check that the given joint positions are at the start of the plan. They have shape (dof,), in rad.
+        Raises `ConflictError` if they are not at the start.
 
         Args:
             where: "is" or "will be", for the error message.

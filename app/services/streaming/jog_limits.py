@@ -176,7 +176,7 @@ class JogLimits:
         return self._distance(int(distances.argmin()), here)
 
     def _approach(self, position: Array, velocity: Array, farthest_m: float) -> tuple[Array, Array]:
-        """Return the distance of each pair, m, and the speed at which it decreases, m/s."""
+        """Return the distance (m) of each pair, and the speed (m/s) at which it decreases."""
         rows = np.stack([position, position + LOOK_S * velocity])
         here, there = self._robot.collision.clearance.distances(rows, farthest_m)
         return here, (here - there) / LOOK_S

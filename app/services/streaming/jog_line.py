@@ -82,8 +82,8 @@ class JogLine:
         return bool(np.abs(position - self._rest).max() < MOVED_RAD)
 
     def _deviation(self, pose: Pose) -> tuple[Array, Array]:
-        """Return the deviation of a pose from the line: the displacement across the line, m, and a rotation
-        vector, rad, both in the base frame.
+        """Return how far a pose is from the line: the displacement across the line (m) and a rotation vector
+        (rad). Both are in the base frame.
         """
         turned = quaternion.between(self._pose.quaternion.tolist(), pose.quaternion.tolist())
         return (

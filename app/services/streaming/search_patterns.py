@@ -14,7 +14,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class SearchOffset:
-    """An offset along the two axes across the push direction, m, and a rotation vector about them, rad."""
+    """A displacement (m) along the two axes that are perpendicular to the push direction, and a rotation
+    vector (rad) about these axes.
+    """
 
     x: float = 0.0
     y: float = 0.0

@@ -44,14 +44,14 @@ class PointInverse:
         self._before = None
 
     def accept(self, joints: Sequence[float]) -> None:
-        """Record the joint angles, rad, of an accepted point, shape (dof,). The next point continues from
+        """Record the joint angles of an accepted point, shape (dof,), in rad. The next point continues from
         them.
         """
         self._before = np.array(joints)
 
     def joints(self, point: Point) -> Sequence[float]:
-        """Calculate the joint angles for a point, rad, shape (dof,). Raises BrokenRule if the point is out of
-        reach or was not calculated.
+        """Calculate the joint angles for a point. Shape: (dof,), in rad. Raises BrokenRule if the point is
+        out of reach or was not calculated.
         """
         if not point.cartesian:
             return point.position

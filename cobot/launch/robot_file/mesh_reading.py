@@ -26,7 +26,7 @@ EDGE_RAD = 0.5
 
 
 def read_mesh(file: Path) -> tuple[Array, Indices]:
-    """Read a mesh. Returns its vertices, shape (n, 3), m, and its triangles, shape (m, 3).
+    """Read a mesh. Returns its vertices (m), shape (n, 3), and its triangles, shape (m, 3).
 
     Raises:
         InputError: the mesh has no triangles or too many, or a number is not finite.

@@ -107,7 +107,8 @@ def arc_about(start: Pose, given: Arc, goal: Pose, least_rad: float = SMALL_RAD)
 
 
 def helix(start: Pose, given: Arc, angle: float) -> TcpPath:
-    """An arc by an angle, rad, about the axis through the centre; also full circles and helices.
+    """An arc that turns by an angle (rad) about the axis through the centre. It can be a full circle or a
+    helix.
 
     Raises:
         PlanningError: the axis is missing, or the TCP is on it.

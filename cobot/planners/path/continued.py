@@ -115,8 +115,8 @@ def obstacle_along(robot: RobotDescription, start: Array, path: TcpPath) -> Cobo
 
 
 def _carried(robot: RobotDescription, start: Array, path: TcpPath) -> Array:
-    """The joints at the first evenly spaced points of the path, up to the point at which they cannot
-    continue, shape (n, dof).
+    """The joint positions at evenly spaced points along the path, up to the point where the joints can no
+    longer follow it. Shape: (n, dof).
     """
     poses = path.poses(np.linspace(0.0, 1.0, path.places + 1)[1:])
     rows = robot.model.kinematics(path.free).carry(poses, start, STEPS, STEP_RAD, POSE_SHARE)

@@ -98,8 +98,8 @@ def with_shortest_turn(start: Pose, goal: Pose, free: tuple[FreeAxis, ...]) -> P
 
 
 def _tilt(start: Array, goal: Array, axis: FreeAxis) -> tuple[Array, float]:
-    """The direction, shape (3,), and the angle, rad, of the shorter rotation that aligns one axis of the TCP
-    with its goal.
+    """The shorter rotation that aligns one axis of the TCP with its goal: its direction, shape (3,), and its
+    angle, rad.
     """
     index = FREE_AXES.index(axis)
     before, after = _axis(start, index), _axis(goal, index)

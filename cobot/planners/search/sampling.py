@@ -209,7 +209,7 @@ def _first(
 
 
 def room(robot: RobotDescription, ends: Array) -> float:
-    """The clearance, m, that a polyline with these ends can keep. It is at most the clearance of the ends
+    """The clearance (m) that a polyline with these ends can keep. It is at most the clearance of the ends
     themselves.
     """
     margin_m = robot.collision.margin_m

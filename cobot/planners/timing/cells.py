@@ -94,8 +94,8 @@ def cubics(points: Array) -> Array:
 
 
 def times_of(rate: Array) -> tuple[Array, Array, Array]:
-    """The time, s, the squared rate and the slope of the squared rate at each knot, shape (cells
-    + 1,) each.
+    """The time (s), the squared rate, and the slope of the squared rate at each knot. Each has shape (cells +
+    1,).
     """
     squares = AT_NODES.T @ np.array([rate[:-2], rate[1:-1], rate[2:]])
     times = np.zeros(len(rate) - 1)

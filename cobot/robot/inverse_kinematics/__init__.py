@@ -146,7 +146,7 @@ def inverse_all(
     random_seed: int = 0,
     free: tuple[FreeAxis, ...] = (),
 ) -> list[Array]:
-    """Distinct joint angles, shape (dof,) each, rad, that bring the TCP to a pose, best first.
+    """Distinct joint angles that bring the TCP to a pose, best first. Each has shape (dof,), in rad.
 
     With a closed form these are the best solutions of each branch in each permitted interval of arm angles.
     Otherwise they are the results of descents from random starts.

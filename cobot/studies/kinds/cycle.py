@@ -137,7 +137,7 @@ class _CycleKernel:
         return {**self.study.parameters(first, last), **results}
 
     def _duration(self, values: dict[str, Value]) -> tuple[float, int, str]:
-        """The duration, s, and the number of planned motions. If the program cannot be planned, the duration
+        """The duration (s) and the number of planned motions. If the program cannot be planned, the duration
         is NaN, and the text gives the reason.
         """
         speed, radius_m = float(values.get("speed", 1.0)), float(values.get("blend_radius_m", 0.0))

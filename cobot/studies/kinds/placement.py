@@ -246,7 +246,7 @@ class _PlacementKernel:
         }
 
     def _duration(self, program: list[StudyMove], base: Pose) -> tuple[float, int, str]:
-        """The program duration, s, and the number of planned motions. If a motion cannot be planned, the
+        """The program's duration (s) and the number of planned motions. If a motion cannot be planned, the
         duration is NaN, and the text gives the reason.
         """
         back = base.inverse()

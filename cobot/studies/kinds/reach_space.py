@@ -83,8 +83,8 @@ class PlacesSpace(StrictModel):
 
 @dataclass(frozen=True, slots=True)
 class Places:
-    """Positions in the base frame, shape (n, 3), m, and the outward normals there, shape (n, 3). The places
-    of a box have no normals (None).
+    """Positions (m) in the base frame, and the outward normals at these positions. Both have shape (n, 3).
+    The places of a box have no normals (None).
     """
 
     positions: Array
@@ -157,7 +157,7 @@ def _middles(parts: int) -> Array:
 
 
 def read_mesh(path: Path) -> tuple[Array, np.ndarray]:
-    """Read a mesh. Returns its vertices, shape (n, 3), m, and its triangles, shape (m, 3).
+    """Read a mesh. Returns its vertices (m), shape (n, 3), and its triangles, shape (m, 3).
 
     Raises:
         ConfigError: the file is missing or is not a mesh.

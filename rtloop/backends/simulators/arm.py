@@ -125,8 +125,8 @@ class ControllerArm:
         self._drives.set_impedance(Impedance(False, nothing, np.ones(self.limits.dof)))
 
     def exert(self, torque: Array, milliseconds: int) -> None:
-        """Exert torques, shape (dof,), N·m, on an arm under torque control for a number of milliseconds. Its
-        target follows its position.
+        """Exert torques on an arm under torque control, for a number of milliseconds. They have shape (dof,),
+        in N·m. The arm's target follows its position.
         """
         rows = self._rows
         for _ in range(milliseconds):

@@ -137,7 +137,7 @@ class ExertedTorques:
         return self._giving.torques(command, position, velocity)
 
     def estimate(self, position: Array, velocity: Array, motor: Array) -> Array:
-        """Estimate the external efforts, shape (dof,), N·m, including friction.
+        """Estimate the external efforts, including friction. Shape: (dof,), in N·m.
 
         Under torque control, the exerted torques are used, because the controller compensates friction in
         addition to them.

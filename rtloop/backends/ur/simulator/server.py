@@ -306,9 +306,9 @@ class UrServer:
         client.socket.close()
 
     def _more(self, request: UrControlRequest) -> dict[str, Any]:
-        """Apply the changes to the server. Returns the times from a data package to the next command and the
-        delays of the server's periods, s, the number of packages without a command in time, and the number of
-        clients.
+        """Apply the changes to the server, and return four statistics: the times (s) from a data package to
+        the next command, the delays (s) of the server's periods, the number of packages for which no command
+        arrived in time, and the number of clients.
         """
         if request.silent is not None:
             self.silent = request.silent
