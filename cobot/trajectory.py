@@ -147,7 +147,7 @@ class Trajectory:
         return np.asarray(self.sample([self.duration_s])[0])
 
     def sample(self, times_s: Sequence[float] | Array, derivative: int = 0) -> Array:
-        """Positions (or their first to third derivative) at the given times, shape (len(times), dof).
+        """Positions at the given times, or one of their first three derivatives. Shape: (len(times), dof).
 
         A time outside the trajectory gives the value at its nearest end.
         """
@@ -173,8 +173,8 @@ class Trajectory:
         return lowest, highest
 
     def excesses(self, derivative: int, low: Array, high: Array) -> tuple[Integers, Integers, Array]:
-        """The extrema outside the range from `low` to `high`, shape (dof,) each. Returns the segment, the
-        joint and the value of each extremum, in order, as three arrays of shape (m,).
+        """Find the extrema outside the range from `low` to `high`, each of shape (dof,). Returns three arrays
+        of shape (m,): the segment, the joint and the value of each extremum, in order.
         """
         rows = self.coefficients
         if derivative > 0:

@@ -67,8 +67,8 @@ def rehearse(
     trajectory: Trajectory,
     disturbance: Disturbance | None = None,
 ) -> SimulatedRun:
-    """Simulate a motion with the tool and the attached objects. The arm begins at rest at `start`, shape
-    (dof,), rad.
+    """Simulate a motion with the tool and the attached objects. The arm begins at rest at the joint position
+    `start`, which has shape (dof,), in rad.
 
     Raises:
         PlanningError: the cycle rejects the motion; the error gives the reason.

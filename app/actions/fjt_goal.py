@@ -99,7 +99,7 @@ class FjtGoal:
     late_s: float
 
     def corridor_rad(self, smoothing_rad: float) -> Array:
-        """Return the maximum deviation of each joint's motion from the points, shape (dof,), rad.
+        """Return how far each joint may deviate from the points. Shape: (dof,), in rad.
 
         The deviation is at most half the tolerance, because the arm does not follow its plan exactly.
         """
@@ -209,8 +209,8 @@ def _points(messages: list[Message], order: list[int]) -> list[Waypoint]:
 
 
 def _rows(messages: list[Message], name: str, order: list[int]) -> Array | None:
-    """Read one quantity from all points, shape (n, dof) in the robot's order; None if the points do not
-    contain it.
+    """Read one quantity from all points; None if the points do not contain it. Shape: (n, dof), with the
+    joints in the robot's order.
     """
     rows = [message[name] for message in messages]
     if not any(rows):

@@ -124,7 +124,9 @@ class FleetCell:
                     self._publish(robot, "state", state)
 
     def close(self) -> None:
-        """Leave the fleet. Otherwise Zenoh may wait at the exit for a hub that does not answer."""
+        """Leave the fleet. Otherwise, when the process exits, Zenoh may wait for a hub that does not
+        answer.
+        """
         if self._session is not None:
             self._session.close()
         self._panel.close()

@@ -25,8 +25,8 @@ class Cone:
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """Keeps the TCP in a box aligned with the base frame. The box is given by its lowest and its highest
-    corner, shape (3,) each, m.
+    """Keeps the TCP in a box that is aligned with the base frame. The box is given by its lowest and its
+    highest corner (m), each of shape (3,).
     """
 
     low: Array

@@ -62,7 +62,7 @@ class AskedCurve:
 
     @property
     def noise(self) -> Array:
-        """The largest distance between positions and centres, shape (dof,), rad."""
+        """The largest distance between each joint's positions and its centres. Shape: (dof,), in rad."""
         return np.asarray(np.abs(self.positions - self.centres).max(axis=0))
 
     def towards(self, times_s: Array) -> Array:
@@ -151,8 +151,8 @@ def deviation(asked: AskedCurve, control: Array, times_s: Array, step_s: float) 
 
 
 def _missed(given: Array, control: Array, step_s: float, times_s: Array) -> Array:
-    """Each joint's largest distance between a motion and the given positions, shape (dof,), rad. Each
-    position is compared only with points of the motion near its given time, in order.
+    """The largest distance of each joint between a motion and the given positions. Each position is compared
+    only with points of the motion near its given time, in order. Shape: (dof,), in rad.
     """
     positions, velocities = spline_at(control, step_s, times_s)
     shift = shift_along(given - positions, velocities)

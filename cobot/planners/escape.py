@@ -84,8 +84,8 @@ def _no_way_out(robot: RobotDescription, request: MotionRequest, inside: Array) 
 
 
 def _least(robot: RobotDescription, start: Array) -> tuple[Array, Array]:
-    """Two distances for each pair of bodies, shape (pairs,), m: the distance that an escape aims for, and the
-    smallest one that it must keep.
+    """Two distances for each pair of bodies: the distance that an escape aims for, and the smallest distance
+    that it must keep. Each has shape (pairs,), in m.
     """
     margin_m = robot.collision.margin_m
     distances = robot.collision.clearance.distances(start[None], margin_m + LOOK_M)[0]

@@ -44,7 +44,7 @@ def joint_goals(robot: RobotDescription, request: MotionRequest) -> Array:
 
 
 def more_goals(robot: RobotDescription, request: MotionRequest, number: int) -> Array:
-    """Further collision-free configurations at a pose, shape (n, dof), possibly none. A higher `number`
+    """More collision-free configurations at a pose, shape (n, dof). There may be none. A higher `number`
     returns more.
 
     An arm with more joints than the pose needs has infinitely many configurations at it, and possibly no

@@ -60,7 +60,9 @@ class Held:
         return self.projection.keeps(joints)
 
     def excess(self, rows: Array) -> Array:
-        """How far each row violates each constraint, shape (n, k), rad or m; negative if the row keeps it."""
+        """How far each row violates each constraint. A negative value means that the row keeps the
+        constraint. Shape: (n, k), in rad or m.
+        """
         constraints = self._constraints
         columns = [np.full(len(rows), -np.inf)]
         if constraints.cone is not None or constraints.box is not None:

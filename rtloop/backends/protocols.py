@@ -93,7 +93,9 @@ class Backend(Protocol):
     """
 
     def open(self, initial_position: Array) -> None:
-        """Connect. A simulation begins at `initial_position`, shape (dof,), rad; a real robot ignores it."""
+        """Connect. A simulation begins at `initial_position`, which has shape (dof,), in rad; a real robot
+        ignores it.
+        """
         ...
 
     def enable(self) -> None:

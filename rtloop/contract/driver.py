@@ -251,7 +251,9 @@ class Driver:
             raise ContractError(f"a motion ended as {result.name}: {self.reason}")
 
     def reset(self, attempts: int = ATTEMPTS) -> Accepted | Rejected:
-        """Reset a fault, if necessary in several attempts, and return the result of the last one."""
+        """Reset a fault. If the reset fails, try again a few times. Returns the result of the last
+        attempt.
+        """
         result: Accepted | Rejected = ACCEPTED
         for _ in range(attempts):
             result = self.send(Command.RESET)
@@ -261,7 +263,7 @@ class Driver:
         return result
 
     def first_command(self, before: int) -> tuple[Array, Array]:
-        """Return the first command after the first `before` commands, and the position measured in the same
+        """Return the command that follows the first `before` commands, and the position measured in the same
         cycle.
         """
         self.until("a command is written", lambda: len(self.heard.commands) > before)

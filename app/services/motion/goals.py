@@ -111,7 +111,9 @@ class Goals:
         raise InputError(f"frame_id: there is no frame {name!r}; valid names: {valid}")
 
     def request(self, goal: MotionRequest, start: Array) -> MotionRequest:
-        """Make the planning request for a goal from the joint position `start`, shape (dof,), rad."""
+        """Make the planning request for a goal from the joint position `start`, which has shape (dof,), in
+        rad.
+        """
         if goal.in_tool:
             goal = placed(goal, self._robot.model.forward(start))
         return replace(goal, start=start, timeout_s=self._settings.timeout_s)

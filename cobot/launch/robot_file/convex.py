@@ -168,7 +168,7 @@ def _covering(hulls: list[trimesh.Trimesh], points: Array) -> list[trimesh.Trime
 
 
 def _beyond(hull: trimesh.Trimesh, points: Array) -> Array:
-    """How far each point is outside the planes of the hull, shape (n,), m."""
+    """How far each point lies outside the planes of the hull. Shape: (n,), in m."""
     most = np.full(len(points), -np.inf)
     for normal, corner in zip(hull.face_normals, hull.triangles[:, 0], strict=True):
         most = np.maximum(most, (points - corner) @ normal)

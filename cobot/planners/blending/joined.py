@@ -260,7 +260,9 @@ def part_of(
 
 
 def _between(motion: Trajectory, times_s: Array) -> list[Array]:
-    """Samples of a motion, split at the given times, shape (n, dof) for each part."""
+    """Samples of a motion, as one array of shape (n, dof) for each part. The given times split the motion
+    into parts.
+    """
     count = min(MAX_LOOKS, int(motion.duration_s / LOOK_S) + 2)
     looks_s = np.linspace(0.0, motion.duration_s, count)
     return np.split(motion.sample(looks_s), np.searchsorted(looks_s, times_s))

@@ -190,7 +190,9 @@ def _thin(shares: Array, rows: Array) -> tuple[Array, Array]:
 def _halve(
     path: TcpPath, shares: Array, rows: Array, which: Array, joints_at: JointsAt
 ) -> tuple[Array, Array]:
-    """Add a point in the middle of each interval that the mask `which`, shape (n - 1,), selects."""
+    """Add a point in the middle of each selected interval. The mask `which`, shape (n - 1,), selects the
+    intervals.
+    """
     chosen = np.flatnonzero(which)
     if len(rows) + len(chosen) > MAX_PLACES:
         raise _inaccurate(path)

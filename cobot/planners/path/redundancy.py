@@ -224,8 +224,8 @@ class RedundancyGraph:
         return [own, *sorted(others - {own})]
 
     def _cheapest(self, branch: int, free: bool) -> Array | None:
-        """The arm angles of the cheapest route at all points, shape (n + 1,), without jumps by full turns;
-        None if no route reaches the end.
+        """The arm angles at all points of the cheapest route, without jumps by full turns; None if no route
+        reaches the end. Shape: (n + 1,).
 
         free: use only nodes that are free of collisions.
         """

@@ -58,8 +58,8 @@ def least_turn(robot: RobotDescription) -> float:
 
 
 def turned(start: Array, turn: Array, shares: Array, least_rad: float = quaternion.SMALL_RAD) -> Array:
-    """The quaternions, shape (n, 4), after each share of a rotation that begins at the orientation `start`.
-    The rotation is given by its rotation vector (slerp).
+    """The orientations that are reached after the given shares of a rotation, as quaternions, shape (n, 4).
+    The rotation begins at the orientation `start` and is given by its rotation vector (slerp).
     """
     angle = math.sqrt(turn @ turn)
     if angle < least_rad:
@@ -71,7 +71,7 @@ def turned(start: Array, turn: Array, shares: Array, least_rad: float = quaterni
 
 
 def angles_between(rows: Array, others: Array, free: tuple[FreeAxis, ...] = ()) -> Array:
-    """Angles between pairs of orientations, ignoring free rotations, shape (n,), rad.
+    """The angles between pairs of orientations. Free rotations are ignored. Shape: (n,), in rad.
 
     Args:
         rows, others: the orientations, quaternions of shape (n, 4).

@@ -106,8 +106,8 @@ def times_of(rate: Array) -> tuple[Array, Array, Array]:
 def motion(
     times: Array, positions: Array, first: Array, second: Array, squares: Array, slopes: Array
 ) -> Trajectory:
-    """Quintics through the positions at the knots, with their first and second derivatives with respect to τ,
-    shape (n, dof) each.
+    """Quintics that pass through the positions at the knots and have the given first and second derivatives
+    with respect to τ. Each array of these has shape (n, dof).
     """
     return from_hermite(times, *states(positions, first, second, squares, slopes))
 

@@ -107,7 +107,7 @@ class JointCurve:
         return int(self.coefficients.shape[1])
 
     def at(self, places: Array, derivative: int = 0) -> Array:
-        """Positions, or their first to third derivative by s, shape (len(places), dof)."""
+        """Positions, or one of their first three derivatives with respect to s. Shape: (len(places), dof)."""
         return np.asarray(self.derivatives(places)[derivative])
 
     def bezier(self) -> Array:
@@ -142,9 +142,9 @@ def spline_through(parameters: Array, points: Array) -> BSpline:
 
 @lru_cache(maxsize=8)
 def _even_units(count: int) -> tuple[Array, Array]:
-    """Breakpoints and coefficients, shape (pieces, count, 6), of `count` splines over evenly spaced points.
-    Each spline is 1 at one of the points and 0 at the others, so every spline through these points is a sum
-    of them.
+    """Breakpoints and coefficients of `count` splines over evenly spaced points. The coefficients have shape
+    (pieces, count, 6). Each spline is 1 at one of the points and 0 at the others, so every spline through
+    these points is a sum of them.
     """
     path = JointCurve.through(np.linspace(0.0, 1.0, count), np.eye(count))
     return path.breakpoints, path.coefficients

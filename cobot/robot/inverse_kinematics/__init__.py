@@ -180,7 +180,7 @@ def inverse_all(
 
 
 def by_distance(rows: Array, seed: Array) -> Array:
-    """The rows, joints of shape (n, dof), nearest to the seed first."""
+    """The joint positions in `rows`, sorted by their distance from the seed. Shape: (n, dof)."""
     away = rows - seed
     return np.asarray(rows[np.argsort(np.sqrt([each.dot(each) for each in away]), kind="stable")])
 

@@ -24,7 +24,7 @@ FLANGE_M = 0.107
 
 
 def flange(joints: Sequence[float]) -> Array:
-    """Return the flange pose in the base frame, shape (4, 4), calculated from the published kinematics."""
+    """Calculate the flange pose in the base frame from the published kinematics. Shape: (4, 4)."""
     found = np.eye(4)
     for (a, d, alpha), angle in zip(LINKS, joints, strict=True):
         ca, sa, c, s = np.cos(alpha), np.sin(alpha), np.cos(angle), np.sin(angle)

@@ -60,7 +60,9 @@ class StreamLink(ControllerLink, Protocol):
     threaded: bool
 
     def latest(self, rows: Array) -> float:
-        """Write the newest joint state into `rows`, shape (3, dof), and return its age, s. Real-time safe."""
+        """Write the newest joint state into `rows`, which has shape (3, dof), and return the state's age, s.
+        Real-time safe.
+        """
         ...
 
     def command(self, position: Array) -> None:

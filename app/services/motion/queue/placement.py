@@ -89,7 +89,7 @@ class QueueSignals:
                 move.signals.follower.look(is_current=index == 0)
 
     def rest(self, tcp: Array) -> None:
-        """Record the TCP pose, shape (7,), at which the motion has stopped. Each move ends its own
+        """Record the TCP pose at which the motion has stopped, shape (7,). Each move ends its own
         follower.
         """
         self.look()
