@@ -9,32 +9,36 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
-from typing import Annotated, Any, cast, get_type_hints
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterable
+from typing import Annotated, Any, TypeVar, cast, get_type_hints
 
 from fastapi import Depends, Request
 from fastapi.params import Form
+from fastapi.responses import JSONResponse
 from pydantic import BaseModel, RootModel
 from starlette.requests import HTTPConnection
 
 from app.api.endpoints import Endpoint
+from app.api.schemas.jobs import MAX_BODY, job_answer
 from app.robot_services import Services
 from app.services.clients import CLIENT
 from app.services.rights.claims import Caller
-from app.services.rights.job import JobKind
+from app.services.rights.job import JobKind, JobRecord
 from app.services.rights.job_book import unknown
+from cobot import audit
+from cobot.addresses import address
 from cobot.errors import InputError, MediaTypeError, NotFoundError
 from cobot.loose_lists import RequestModel
 from cobot.strict import shown, unknown_key
 
+Result = TypeVar("Result")
+Answer = TypeVar("Answer")
 STOPS = "cobot.stops"
 BEGUN_S = "cobot.begun_s"
 """Key in the scope of a request for the time at which its header arrived, on the clock `cobot.clock.SYSTEM`.
 The body may arrive later.
 """
 LARGE_BYTES = 65536
-MAX_BODY = 4096
-"""Maximum length of a request body that is stored with its job, in characters of JSON."""
 JOB, JOB_ID = "cobot.job", "cobot.job_id"
 """Keys in a request's scope: the job that the request names, and the id of the job that it creates."""
 
@@ -126,6 +130,27 @@ class Call:
         leaving = gone if wait else asyncio.Event()
         token = CLIENT.get().sequence
         return Caller(name, token, self.stops, self.timeout_s, leaving, job, waits=wait)
+
+    async def answer_end(
+        self, caller: Caller, work: Coroutine[Any, Any, Result], answer_to: Callable[[Result], Answer]
+    ) -> Answer | JSONResponse:
+        """Do the work of a job and answer with its result. If the client does not wait, answer at once with
+        the job.
+        """
+        if caller.waits:
+            return answer_to(await work)
+        assert caller.job is not None
+        return self.answer_accepted(await self.services.jobs.begin(caller.job, work))
+
+    def answer_accepted(self, record: JobRecord) -> JSONResponse:
+        """Return the 202 answer to a request that does not wait."""
+        audit.add_details(job=record.id)
+        version = self.request.scope.get("root_path", "")
+        robot = self.request.path_params.get("robot")
+        below = address(version, robot) if robot else version
+        return JSONResponse(
+            job_answer(record).model_dump(mode="json"), 202, {"Location": f"{below}/jobs/{record.id}"}
+        )
 
 
 def kept_body(body: BaseModel) -> tuple[str, dict[str, Any] | None]:

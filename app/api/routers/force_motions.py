@@ -13,7 +13,7 @@ from app.api.motions.goals import goal_of
 from app.api.motions.signals import input_condition
 from app.api.route import EndpointRouter
 from app.api.schemas.explain import Details, Explain, explain_of
-from app.api.schemas.jobs import ACCEPTED, Wait, answer_end
+from app.api.schemas.jobs import ACCEPTED, Wait
 from app.services.rights.job import JobKind
 from app.services.streaming.force_run import ForceOutcome
 from cobot import audit
@@ -144,7 +144,7 @@ async def _run(body: AnyForceMotion, request: Request, gone: Gone, wait: bool) -
     if isinstance(body, SearchMotion) and body.until is not None:
         until = input_condition(services, "until", body.until)
     work = services.force_motions.run(body, goal, caller, until)
-    return await answer_end(call, caller, work, _answer)
+    return await call.answer_end(caller, work, _answer)
 
 
 def _answer(outcome: ForceOutcome) -> ForceAnswer:

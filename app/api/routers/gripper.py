@@ -12,7 +12,7 @@ from app.api.dependencies import Call, Gone
 from app.api.errors import ErrorCode, responses
 from app.api.route import EndpointRouter
 from app.api.schemas.explain import Details
-from app.api.schemas.jobs import ACCEPTED, Wait, answer_end
+from app.api.schemas.jobs import ACCEPTED, Wait
 from app.services.gripping.commands import GripperOutcome, GripperReport
 from app.services.rights.job import JobKind
 from cobot import audit
@@ -185,7 +185,7 @@ async def stop_gripper(request: Request) -> GripperReportAnswer:
 async def _run(name: str, body: AnyGripperCommand, request: Request, gone: Gone, wait: bool) -> Answer:
     call = Call(request)
     caller = call.caller(gone, JobKind.GRIPPER, body, wait=wait)
-    return await answer_end(call, caller, call.services.gripper.run(name, body, caller), _answer)
+    return await call.answer_end(caller, call.services.gripper.run(name, body, caller), _answer)
 
 
 def _answer(outcome: GripperOutcome) -> GripperAnswer:

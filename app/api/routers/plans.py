@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Annotated, Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from app.api.motions.goals import goal_of
 from app.api.paging import After, Limit, page_of
 from app.api.route import EndpointRouter
 from app.api.routers.robot import How, answer, check_queueing
-from app.api.schemas.jobs import ACCEPTED, answer_accepted, answer_end
+from app.api.schemas.jobs import ACCEPTED
 from app.api.schemas.plan_answers import (
     DistanceAnswer,
     MotionAnswer,
@@ -144,11 +145,11 @@ async def _execute(plan_id: str, request: Request, gone: Gone, how: How) -> Move
     caller = call.caller(gone, JobKind.EXECUTE, plan_id, wait=how.wait and not how.queue)
     check_queueing(how)
     if not how.queue:
-        return await answer_end(call, caller, plans.execute(plan_id, caller), answer)
+        return await call.answer_end(caller, plans.execute(plan_id, caller), answer)
     job = caller.job
     assert job is not None
     queued = plans.queue_request(plan_id, job, how.blend_radius)
-    return answer_accepted(call, await call.services.jobs.enqueue(job, queued, caller))
+    return call.answer_accepted(await call.services.jobs.enqueue(job, queued, caller))
 
 
 @router.endpoint("GET /robot/motion", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
@@ -318,14 +319,14 @@ def _report_plan(plan: Plan, call: Call) -> PlanAnswer:
 
 
 def _shown(plan: Plan, expires_in_s: float) -> PlanAnswer:
-    found = plan.forecast
+    found, planned = plan.forecast, plan.planned
     trajectory = found.trajectory
     return PlanAnswer(
         plan_id=plan.plan_id,
         expires_in_s=expires_in_s,
         duration_s=0.0 if trajectory is None else trajectory.duration_s,
         planning_time_s=plan.planning_s,
-        planning=PlanningAnswer.of(plan.planned),
+        planning=None if planned is None else PlanningAnswer.model_validate(asdict(planned)),
         note="" if trajectory is None else trajectory.note,
         notices=[
             NoticeAnswer(kind=each.kind, values=dict(each.values))

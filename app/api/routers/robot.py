@@ -16,7 +16,7 @@ from app.api.motions.goals import goal_of
 from app.api.route import EndpointRouter
 from app.api.schemas.device import Acknowledge, AcknowledgeAnswer
 from app.api.schemas.explain import explain_of
-from app.api.schemas.jobs import ACCEPTED, MoveQuery, answer_accepted, answer_end
+from app.api.schemas.jobs import ACCEPTED, MoveQuery
 from app.api.schemas.plan_answers import PlanningAnswer
 from app.api.schemas.robot import (
     Angles,
@@ -159,11 +159,11 @@ async def _move(
     if not how.queue:
         moves = services.moves
         motion = moves.move_sequence(goals, radii_m, caller) if several else moves.move(goals[0], caller)
-        return await answer_end(call, caller, motion, answer)
+        return await call.answer_end(caller, motion, answer)
     job = caller.job
     assert job is not None
     request = queue_request(job.request, goals, services.goals.request, how.blend_radius, radii_m, job)
-    return answer_accepted(call, await services.jobs.enqueue(job, request, caller))
+    return call.answer_accepted(await services.jobs.enqueue(job, request, caller))
 
 
 def check_queueing(how: MoveQuery) -> None:
@@ -178,7 +178,8 @@ def check_queueing(how: MoveQuery) -> None:
 
 def answer(outcome: Outcome) -> MoveAnswer:
     """Return the result of a motion as JSON, and note it for the audit log."""
-    error, stopped_by, contact = outcome.error, outcome.signals.stopped_by, outcome.signals.contact
+    error, planned = outcome.error, outcome.planned
+    stopped_by, contact = outcome.signals.stopped_by, outcome.signals.contact
     audit.add_details(motion=outcome.motion_id, error=str(error or ""))
     ended = f"Motion ended by its condition: {stopped_by}" if stopped_by else COMPLETED
     return MoveAnswer(
@@ -188,7 +189,7 @@ def answer(outcome: Outcome) -> MoveAnswer:
         motion_id=outcome.motion_id,
         duration_s=outcome.duration_s,
         planning_time_s=outcome.planning_time_s,
-        planning=PlanningAnswer.of(outcome.planned),
+        planning=None if planned is None else PlanningAnswer.model_validate(asdict(planned)),
         note=outcome.note,
         explain=None if error is None else explain_of(error),
         actions=[ActionAnswer.model_validate(asdict(each)) for each in outcome.signals.actions],

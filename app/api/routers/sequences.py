@@ -12,7 +12,7 @@ from app.api.dependencies import Call
 from app.api.documentation.samples import link
 from app.api.errors import responses
 from app.api.route import EndpointRouter
-from app.api.schemas.jobs import ACCEPTED, Wait, answer_accepted
+from app.api.schemas.jobs import ACCEPTED, Wait
 from app.api.schemas.robot import LogAnswer, LogQuery, SequenceStatusAnswer, StartedAnswer
 from app.services.programs.sequences import SequenceOrder
 from cobot import audit
@@ -95,7 +95,7 @@ async def start_order(call: Call, order: SequenceOrder, *, wait: bool) -> Starte
     audit.add_details(sequence=status.sequence_id)
     job = call.services.ownership.sequence_job
     if not wait and job is not None:
-        return answer_accepted(call, job.record())
+        return call.answer_accepted(job.record())
     return StartedAnswer(sequence_id=status.sequence_id, pid=status.pid)
 
 

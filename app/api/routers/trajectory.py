@@ -14,7 +14,7 @@ from app.api.dependencies import Call, Gone
 from app.api.documentation.samples import link
 from app.api.errors import responses
 from app.api.route import EndpointRouter
-from app.api.schemas.jobs import ACCEPTED, Wait, answer_end
+from app.api.schemas.jobs import ACCEPTED, Wait
 from app.api.schemas.robot import LogAnswer, LogQuery
 from app.api.schemas.trajectories import CsvQuery, SendTrajectory, SentAnswer
 from app.services.motion.csv_points import read_points
@@ -50,7 +50,7 @@ async def send_trajectory(
 
     caller = call.caller(gone, JobKind.TRAJECTORY, f"{len(body.points)} points", wait=wait)
     sending = call.services.trajectories.send(read, options, caller)
-    return await answer_end(call, caller, sending, _answer)
+    return await call.answer_end(caller, sending, _answer)
 
 
 @router.endpoint("POST /trajectory/send_csv", Role.OPERATOR, timeout_s=60.0, control=True, **SEND)
@@ -75,7 +75,7 @@ async def send_csv(
     read = partial(read_points, file.file, query.separator, call.services.robot.limits.names)
     caller = call.caller(gone, JobKind.TRAJECTORY, file.filename or "", wait=query.wait)
     sending = call.services.trajectories.send(read, options, caller)
-    return await answer_end(call, caller, sending, _answer)
+    return await call.answer_end(caller, sending, _answer)
 
 
 @router.endpoint("GET /trajectory/logs", Role.OBSERVER, timeout_s=1.5, responses=responses(422))

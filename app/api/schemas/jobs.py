@@ -2,35 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine
 from dataclasses import asdict
 from datetime import datetime
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 from fastapi import Query
-from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field, RootModel
 
-from app.api.dependencies import MAX_BODY, Call
 from app.api.errors import RefusedAnswer
 from app.api.paging import AFTER, LIMIT
 from app.api.schemas.explain import explain_of
 from app.api.schemas.robot import WAIT
 from app.api.schemas.signals import ActionAnswer, ContactAnswer
-from app.services.rights.claims import Caller
 from app.services.rights.job import JobKind, JobRecord, JobState
 from app.services.rights.job_book import KEPT
-from cobot import audit
-from cobot.addresses import address
 from cobot.errors import CobotError
 from cobot.loose_lists import RequestModel
 from cobot.motions.bodies import AnyMotion
 from cobot.motions.fields import HOME, example
 from cobot.strict import StrictModel
 
+MAX_BODY = 4096
+"""Maximum length of a request body that is stored with its job, in characters of JSON."""
 MAX_WAIT_S = 60.0
-Result = TypeVar("Result")
-Answer = TypeVar("Answer")
 
 
 class JobRequest(BaseModel):
@@ -214,26 +208,3 @@ def job_answer(record: JobRecord) -> JobAnswer:
     words = {"waits_for": record.waits_for or None, "stopped_by": record.stopped_by or None}
     requested = {"path": record.path, "body": record.body} if record.path else None
     return JobAnswer.model_validate(asdict(record) | words | {"error": error, "requested": requested})
-
-
-async def answer_end(
-    call: Call, caller: Caller, work: Coroutine[Any, Any, Result], answer_to: Callable[[Result], Answer]
-) -> Answer | JSONResponse:
-    """Do the work of a job and answer with its result. If the client does not wait, answer at once with the
-    job.
-    """
-    if caller.waits:
-        return answer_to(await work)
-    assert caller.job is not None
-    return answer_accepted(call, await call.services.jobs.begin(caller.job, work))
-
-
-def answer_accepted(call: Call, record: JobRecord) -> JSONResponse:
-    """Return the 202 answer to a request that does not wait."""
-    audit.add_details(job=record.id)
-    version = call.request.scope.get("root_path", "")
-    robot = call.request.path_params.get("robot")
-    below = address(version, robot) if robot else version
-    return JSONResponse(
-        job_answer(record).model_dump(mode="json"), 202, {"Location": f"{below}/jobs/{record.id}"}
-    )

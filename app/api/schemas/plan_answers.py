@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-
 from pydantic import BaseModel, Field
 
 from app.api.schemas.reason_fields import ReasonFields
 from cobot.motions.fields import HOME, example
 from cobot.motions.forecast import Closest
-from cobot.motions.improving import Planned, PlanQuality
+from cobot.motions.improving import PlanQuality
 from cobot.robot.nearest import Nearest
 from cobot.trajectory import NoticeKind
 
@@ -161,10 +159,6 @@ class PlanningAnswer(BaseModel):
         "without obstacles, no motion to the joint positions that were considered for the goal is faster. "
         "null: not computed, because there was no budget."
     )
-
-    @classmethod
-    def of(cls, planned: Planned | None) -> PlanningAnswer | None:
-        return None if planned is None else cls(**asdict(planned))
 
 
 class PlanAnswer(BaseModel):
