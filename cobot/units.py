@@ -19,31 +19,31 @@ FAR_M = 10.0
 DEGREES = "these look like degrees; angles are in rad"
 
 
-def require_angle(value: float, most_rad: float = MAX_POSE_ANGLE_RAD) -> float:
+def require_angle(value: float, most: float = MAX_POSE_ANGLE_RAD) -> float:
     """Return an angle in rad, after checking its size.
 
     Raises:
-        ValueError: the angle is beyond `most_rad`. The message converts it from degrees if it looks like
+        ValueError: the angle is beyond `most`. The message converts it from degrees if it looks like
             degrees.
     """
-    if abs(value) <= most_rad:
+    if abs(value) <= most:
         return value
     advice = ""
     if abs(value) <= DEGREES_TO_RAD:
         advice = f"; this looks like degrees: {value:g} degrees are {math.radians(value):.6g} rad"
-    raise ValueError(f"is {value:g} rad, allowed: -{most_rad:g} to {most_rad:g} rad{advice}")
+    raise ValueError(f"is {value:g} rad, allowed: -{most:g} to {most:g} rad{advice}")
 
 
-def require_way(value: float, most_m: float) -> float:
+def require_way(value: float, most: float) -> float:
     """Return a coordinate in m, after checking its size.
 
     Raises:
-        ValueError: the coordinate is beyond `most_m`. If the value looks like millimetres, the message
+        ValueError: the coordinate is beyond `most`. If the value looks like millimetres, the message
             converts it.
     """
-    if abs(value) <= most_m:
+    if abs(value) <= most:
         return value
     advice = ""
     if abs(value) <= MILLIMETRES_TO_M:
         advice = f"; this looks like millimetres: {value:g} mm are {1e-3 * value:g} m"
-    raise ValueError(f"is {value:g} m, allowed: -{most_m:g} to {most_m:g} m{advice}")
+    raise ValueError(f"is {value:g} m, allowed: -{most:g} to {most:g} m{advice}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -38,14 +39,11 @@ class Within:
     points this out; see `cobot.units`.
     """
 
-    require: Callable[[float, float], float]
+    require: Callable[..., float]
     most: float
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        def required(value: float) -> float:
-            return self.require(value, self.most)
-
-        return no_info_after_validator_function(required, handler(source))
+        return no_info_after_validator_function(partial(self.require, most=self.most), handler(source))
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler

@@ -37,7 +37,7 @@ def reachable(robot: RobotDescription, request: MotionRequest, before: Pose, goa
     if robot.model.inverse_kinematics.lacking:
         with suppress(UnreachableError):  # planning the path reports the share at which it ends
             goal = robot.model.forward(inverse(robot.model, goal, request.start, free=request.free_axes))
-    return with_shortest_turn(before, goal, request.free_axes)
+    return with_shortest_turn(before, goal, request.free_axes) if request.free_axes else goal
 
 
 def end_of(robot: RobotDescription, request: MotionRequest, goal: Pose) -> tuple[Pose, Array | None]:

@@ -88,8 +88,6 @@ def angles_between(rows: Array, others: Array, free: tuple[FreeAxis, ...] = ()) 
 
 def with_shortest_turn(start: Pose, goal: Pose, free: tuple[FreeAxis, ...]) -> Pose:
     """The goal, with a free rotation that makes the TCP turn the shorter way from the start."""
-    if not free:
-        return goal
     if len(free) == len(FREE_AXES):
         return Pose(goal.position, start.quaternion)
     normal, angle = _tilt(start.quaternion, goal.quaternion, free[0])
