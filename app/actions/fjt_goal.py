@@ -134,10 +134,10 @@ def read_goal(goal: Message, limits: JointLimits, now_s: float) -> FjtGoal:
     order = _order(trajectory["joint_names"], limits.names)
     for name in ("component_path_tolerance", "component_goal_tolerance"):
         if goal[name]:
-            raise GoalError(f"{name}: this robot has joints only")
+            raise GoalError(f"{name}: must be empty, because no joint has several degrees of freedom")
     multi = goal["multi_dof_trajectory"]
     if multi["points"] or multi["joint_names"]:
-        raise GoalError("multi_dof_trajectory: this robot has no joints of several degrees of freedom")
+        raise GoalError("multi_dof_trajectory: this robot has no joints with several degrees of freedom")
     points = _points(trajectory["points"], order)
     start_s = _start_time(trajectory["header"]["stamp"], points[-1].time_from_start_s, now_s)
     late_s = _seconds(goal["goal_time_tolerance"])

@@ -131,7 +131,7 @@ class Offers:
 
     def _require_room(self) -> None:
         if len(self._services) + len(self._actions) >= MAX_OFFERS:
-            raise ConflictError(f"a client may offer {MAX_OFFERS} services and actions")
+            raise ConflictError(f"a client may offer at most {MAX_OFFERS} services and actions")
 
 
 class _ClientAction:

@@ -340,7 +340,7 @@ class ArmClient:
 
     async def _start(self) -> None:
         if self._action is None or self._motion is None or not self._is_ready:
-            raise CobotError(f"there is no server of the action {self._name or 'of the arm'}")
+            raise CobotError(f"there is no server for the action {self._name or 'of the arm'}")
         self._goal = goal = TrajectoryGoal()
         self._own.append(goal.id["uuid"])
         task = asyncio.create_task(self._run(self._action, goal, self._message(*self._motion)))
@@ -372,7 +372,7 @@ class ArmClient:
         action, goal = self._action, self._goal
         if action is None or not self._is_ready:
             return (
-                f"there is no server of the action {self._name or 'of the arm'}, so nothing can be cancelled"
+                f"there is no server for the action {self._name or 'of the arm'}, so nothing can be cancelled"
             )
         if goal is not None:
             goal.facts["stopping"] = True

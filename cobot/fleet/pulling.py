@@ -27,9 +27,7 @@ def pull(chosen: argparse.Namespace) -> int:
     known = {each["cell"] for each in [*found, *ask(chosen, "GET", "/cells")["robots"]]}
     for cell in chosen.cells:
         if cell not in known:
-            raise InputError(
-                f"the hub knows no cell {cell!r}; it knows: {', '.join(sorted(known)) or 'none'}"
-            )
+            raise InputError(f"the hub has no cell {cell!r}; its cells: {', '.join(sorted(known)) or 'none'}")
     wanted = [each for each in found if not chosen.cells or each["cell"] in chosen.cells]
     new = []
     for each in wanted:

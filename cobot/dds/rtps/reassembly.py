@@ -36,10 +36,10 @@ class SampleAssembly:
     def add(self, fragment: DataFragment, payload: memoryview) -> bool:
         """Add a fragment. Returns whether the sample is now complete."""
         if fragment.size != self._size or fragment.total != len(self._data):
-            raise MalformedError("a fragment of another sample under the same number")
+            raise MalformedError("a fragment belongs to another sample with the same number")
         last = fragment.first + fragment.count - 1
         if not 1 <= fragment.first <= last <= self.count:
-            raise MalformedError(f"fragments {fragment.first} to {last}, but the sample has {self.count}")
+            raise MalformedError(f"got fragments {fragment.first} to {last}, but the sample has {self.count}")
         start = (fragment.first - 1) * self._size
         length = min(last * self._size, len(self._data)) - start
         if len(payload) < length:

@@ -84,7 +84,7 @@ def _require_plain(entries: list[zipfile.ZipInfo]) -> None:
         seen.add(entry.filename)
     total = sum(entry.file_size for entry in entries)
     if total > MAX_TOTAL_BYTES:
-        raise InputError(f"the files of the archive have {total} bytes, allowed: {MAX_TOTAL_BYTES}")
+        raise InputError(f"the files in the archive have {total} bytes, allowed: {MAX_TOTAL_BYTES}")
 
 
 def _read(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:

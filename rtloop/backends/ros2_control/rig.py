@@ -133,7 +133,7 @@ class RigLink:
 
     def cancel(self) -> str:
         if "disconnect" in self._rig.active:
-            return f"there is no server of the action {ACTION}, so nothing can be cancelled"
+            return f"there is no server for the action {ACTION}, so nothing can be cancelled"
         if self._goal is not None:
             self._goal["stopping"] = True
         self._rig.controller.end(CANCELED, FjtError.SUCCESSFUL, "")
@@ -149,4 +149,4 @@ class RigLink:
 
     def _require(self) -> None:
         if "disconnect" in self._rig.active:
-            raise BackendError(f"there is no server of the action {ACTION}")
+            raise BackendError(f"there is no server for the action {ACTION}")

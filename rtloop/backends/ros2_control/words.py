@@ -72,7 +72,7 @@ class CommandWords:
     ends: str
 
 
-GOALS = CommandWords("joint trajectory controller", "server of the action", "actions")
+GOALS = CommandWords("joint trajectory controller", "server for the action", "actions")
 COMMANDS = CommandWords("forward position controller", "subscriber of the topic", "topics")
 
 

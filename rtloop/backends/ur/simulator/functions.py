@@ -264,4 +264,4 @@ class ProgramContext:
 
 def _require_index(index: int, count: int) -> None:
     if not 0 <= index < count:
-        raise IndexError(f"{index} is not one of 0 to {count - 1}")
+        raise IndexError(f"{index} is not in the range 0 to {count - 1}")

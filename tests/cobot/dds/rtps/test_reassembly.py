@@ -46,8 +46,8 @@ def test_a_sample_is_whole_when_all_its_fragments_are_there_and_not_before() -> 
 @pytest.mark.parametrize(
     ("first", "count", "size", "total", "sentence"),
     [
-        (1, 1, 5, 20, "a fragment of another sample"),
-        (1, 1, 4, 21, "a fragment of another sample"),
+        (1, 1, 5, 20, "a fragment belongs to another sample"),
+        (1, 1, 4, 21, "a fragment belongs to another sample"),
         (0, 1, 4, 20, "fragments 0 to 0, but the sample has 5"),
         (5, 2, 4, 20, "fragments 5 to 6, but the sample has 5"),
         (1, 0, 4, 20, "fragments 1 to 0, but the sample has 5"),

@@ -62,7 +62,7 @@ NAMED = {"name": "arm_controller", "state": "active", "joints": [f"joint{n}" for
             {"choices": ["/a/follow", "/b/follow"], "ready": False},
             r"several actions .*: /a/follow, /b/follow; name the controller in robot.backend.controller",
         ),
-        ({"ready": False}, "no server of the action /arm_controller/.*ROS_DOMAIN_ID"),
+        ({"ready": False}, "no server for the action /arm_controller/.*ROS_DOMAIN_ID"),
         ({"ready": False, "action": "", "controllers": None, "controller": ""}, "root namespace: start the"),
         (
             {"ready": False, "action": "", "controller": ""},
