@@ -92,6 +92,12 @@ def test_the_gripper_is_commanded_and_the_parts_are_drawn(tmp_path: Path) -> Non
                 width=width_px, height=height_px, deviceScaleFactor=1, mobile=False,
             )  # fmt: skip
             until(lambda: page.run(lowest) < height_px, lambda: f"{page.run(lowest)} of {height_px} px")  # noqa: B023
+        page.click("#tab-setup")
+        page.run("cobotPanel.guide.show(4)")
+        assert page.run("document.querySelector('#guide-text').innerText").endswith(
+            "Das Beispiel „Pick and place“ können Sie auf der Seite Ablauf starten."
+        )
+        page.run("cobotPanel.guide.show(5)")
         page.click("#gripper-home")
         until(lambda: page.run("document.querySelector('#gripper-why').innerText") == "")
         assert page.run("document.querySelector('#clearance').innerText").endswith("ohne lose Teile")

@@ -14,7 +14,9 @@ const MARKS = [
 const element = (id) => document.getElementById(id);
 
 export class Guide {
-  constructor() {
+  // examples: gives the names of the example programs of the cell.
+  constructor(examples) {
+    this.examples = examples;
     this.mark = null; // index of the mark that is shown
     element("guide-next").addEventListener("click", () => this.show(this.mark + 1));
     element("guide-skip").addEventListener("click", () => this.show(MARKS.length));
@@ -49,7 +51,9 @@ export class Guide {
     const [title, text] = MARKS[this.mark];
     element("guide-title").textContent = `${this.mark + 1} / ${MARKS.length} · ${word(title)}`;
     const real = title === "guide_look" && element("simulation").hidden;
-    element("guide-text").textContent = word(real ? "guide_look_real" : text);
+    const [name] = title === "guide_teach" ? this.examples() : [];
+    const example = name ? word("guide_example", { name }) : "";
+    element("guide-text").textContent = `${word(real ? "guide_look_real" : text)} ${example}`.trim();
     element("guide-next").textContent = word(this.mark + 1 < MARKS.length ? "guide_next" : "guide_done");
   }
 }

@@ -2,7 +2,7 @@
 import { allow } from "./able.js";
 import { oneAtATime } from "./once.js";
 import { reasonOf, whyOfEnd } from "./reasons.js";
-import { inEachLanguage, speak, word } from "./words.js";
+import { inEachLanguage, speak, timeOfDay, word } from "./words.js";
 
 const EVERY_MS = 500; // while it runs: progress is no event
 const STATES = {
@@ -120,7 +120,7 @@ export class Job {
   }
 
   write() {
-    const { state, kind, owner, progress = 0, remaining_s: left, error } = this.job ?? {};
+    const { state, kind, owner, progress = 0, remaining_s: left, ended_at: ended, error } = this.job ?? {};
     const paused = state === "paused";
     const going = paused || GOING.includes(state);
     write("pause", word(paused ? "resume" : "pause"));
@@ -128,7 +128,7 @@ export class Job {
     for (const id of ["pause", "end"]) allow(element(id), idle);
     allow(element("step"), idle || (WITH_STEPS.includes(kind) ? "" : "why_no_steps"));
     element("progress").value = going || state === "finished" ? progress : 0;
-    write("job", this.job ? word("job_of", { state: word(STATES[state]), owner }) : word("job_none"));
+    write("job", this.job ? word(ended ? "job_over" : "job_of", { state: word(STATES[state]), owner, time: ended && timeOfDay(ended) }) : word("job_none"));
     write("job-error", whyOfEnd(state, error));
     write("job-next", word(nextAfter(state, kind), {}, ""));
     element("job-error").title = error?.detail ?? "";

@@ -1,6 +1,6 @@
 // The last 20 s: position, velocity, torque or tracking error of each joint, the external wrench at the TCP, or the
 // cycle times. It is drawn only while it is visible.
-import { shortNames } from "./readouts.js";
+import { shortNames } from "./joint-names.js";
 import { inEachLanguage, word } from "./words.js";
 
 const SPAN_S = 20;

@@ -1,7 +1,7 @@
 // The log, the newest event first: for people one line per job and what they have to know; or all events.
 import { causeOf, reasonOf, whyOf, whyOfEnd } from "./reasons.js";
 import { isSamePress } from "./stop.js";
-import { inEachLanguage, word } from "./words.js";
+import { inEachLanguage, timeOfDay, word } from "./words.js";
 
 const MAX_ENTRIES = 100;
 const LEVELS = { fault: "bad", estop: "bad", lost: "bad", log: "warn", intervention: "warn", refused: "warn", rtloop: "warn", stop: "warn", planning: "warn" };
@@ -127,7 +127,7 @@ export class Log {
     const made = document.createElement("li");
     const [whole, line, moment, kind, text] = ["details", "summary", "time", "b", "span"].map((tag) => document.createElement(tag));
     moment.dateTime = time;
-    moment.textContent = new Date(time).toLocaleTimeString(document.documentElement.lang, { hourCycle: "h23" });
+    moment.textContent = timeOfDay(time);
     kind.textContent = word(`event_${type}`);
     kind.dataset.level = level;
     text.textContent = said(type, data, this.labelOf);

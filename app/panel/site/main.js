@@ -18,6 +18,7 @@ import { Job } from "./job.js";
 import { Jog } from "./jog.js";
 import { Lease } from "./lease.js";
 import { Live } from "./live.js";
+import { followLongTexts } from "./long-texts.js";
 import { Log } from "./log.js";
 import { Lua } from "./lua.js";
 import { installMenus } from "./menus.js";
@@ -101,7 +102,7 @@ class Panel {
     this.jog = new Jog(api, this.stream, this.readouts, () => this, this.speed);
     this.pull = new Pull(this.stream, () => this);
     this.lease = new Lease(api, this.stream);
-    this.guide = new Guide();
+    this.guide = new Guide(() => this.stored.list.filter(({ example }) => example).map(({ label }) => label));
     this.halt = new Halt();
     this.person = new Person(api, (name) => {
       if (name) this.stream.connect();
@@ -289,6 +290,7 @@ class Panel {
 const api = new Api();
 api.onToken = () => location.reload();
 installMenus();
+followLongTexts();
 await installLanguages();
 const panel = new Panel(api);
 window.cobotPanel = panel; // for the browser's console and the tests

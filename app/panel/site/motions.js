@@ -139,9 +139,9 @@ export class Motions {
     return this.speeds.share;
   }
 
-  // Its name is in the field too, to teach it again or to delete it.
+  // The name of a taught position is in the field too, to replace or to delete it; that of another one cannot be saved.
   press(name, label) {
-    element("position-name").value = label;
+    element("position-name").value = this.positions.some((each) => each.name === name && each.taught) ? label : "";
     this.choose(name, label);
   }
 
@@ -281,6 +281,9 @@ export class Motions {
     allow(element("improve"), this.busy || (this.plan?.planning?.quality === "final" ? "why_fastest" : ""));
     allow(element("discard"), this.plan || this.looked ? "" : "why_no_plan");
     allow(element("position-forget"), this.labelled?.taught ? "" : "why_not_taught");
+    const save = element("position-teach");
+    save.dataset.word = this.labelled?.taught ? "position_replace" : "position_teach";
+    save.textContent = word(save.dataset.word);
     for (const button of element("positions").children) {
       button.setAttribute("aria-pressed", String(button.textContent === this.name));
     }

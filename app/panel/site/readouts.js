@@ -1,5 +1,6 @@
 // Joints and TCP as numbers and bars, each with its two jog buttons. A number can be typed over, see typed.js.
 import { inEachLanguage, word } from "./words.js";
+import { setJoints, shortNames } from "./joint-names.js";
 import { abcOf } from "./kinematics.js";
 
 const AXES = ["X", "Y", "Z", "Rx", "Ry", "Rz"];
@@ -12,17 +13,6 @@ const degrees = (rad) => (rad * 180) / Math.PI;
 // One decimal. Neither -0.0 nor -180.0 is shown, which would alternate with 0.0 and 180.0 at rest.
 function fixed(value) {
   return Number.isFinite(value) ? value.toFixed(1).replace(/^-(0\.0|180\.0)$/, "$1") : UNKNOWN;
-}
-
-// What is different in the names of joints: "J1" of "panda_joint1", "shoulder_pan" of "shoulder_pan_joint".
-export function shortNames(names) {
-  const numbered = names.map((name) => /^(.*?)(\d+)$/.exec(name));
-  if (numbered.every((each) => each && each[1] === numbered[0][1])) return numbered.map((each) => `J${each[2]}`);
-  const words = names.map((name) => name.split("_"));
-  const same = (at) => words.length > 1 && words.every((each) => each.length > 1 && each.at(at) === words[0].at(at));
-  while (same(0)) words.forEach((each) => each.shift());
-  while (same(-1)) words.forEach((each) => each.pop());
-  return words.map((each) => each.join("_"));
 }
 
 function button(sign, kind, index) {
@@ -82,7 +72,9 @@ export class Readouts {
   describe(ranges) {
     if (JSON.stringify(ranges) === JSON.stringify(this.ranges)) return false;
     this.ranges = ranges;
-    const names = shortNames(ranges.map(({ name }) => name));
+    const full = ranges.map(({ name }) => name);
+    const names = shortNames(full);
+    setJoints(full);
     this.rows = ranges.map((range, index) => row(names[index], range.name, "joint", index));
     this.place.replaceChildren(...this.rows.map((each) => each.made));
     this.rows.forEach(({ meter }, index) => {

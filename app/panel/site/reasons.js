@@ -1,5 +1,6 @@
 // Why something was refused or has ended, in the language of the panel: from the code, the checks and the details of an
 // error, as docs/conventions.md describes them. The service's own sentence is shown only where these say too little.
+import { withShortNames } from "./joint-names.js";
 import { named, word } from "./words.js";
 
 const DEG = 180 / Math.PI;
@@ -17,7 +18,7 @@ function amount(value, unit) {
 // One failed check.
 function checked({ check, quantity, value, limit, unit, share, of }) {
   const percent = share === null ? null : Math.round(100 * share);
-  const values = { of: of.join(" – "), value: amount(value, unit), limit: amount(limit, unit), by: amount(Math.abs(value - limit), unit), percent };
+  const values = { of: of.map(withShortNames).join(" – "), value: amount(value, unit), limit: amount(limit, unit), by: amount(Math.abs(value - limit), unit), percent };
   const kinds = [`check_${check}_${quantity.replaceAll(" ", "_")}`, `check_${check}`];
   if (check === "collision") {
     Object.assign(values, { one: of[0], other: of[1], depth: amount(Math.abs(value), unit) });
@@ -36,7 +37,8 @@ export function causeOf({ cause, by = "" } = {}) {
 export function whyOf({ reason = "", reason_code: code = "", reason_of: of = "", reason_values: values = [], reason_unit: unit = "" }) {
   if (code === "stop") return "";
   const [value, limit] = values.map((each) => (each === null ? "?" : amount(each, unit)));
-  return word(`reason_${code}`, { of, by: named(of), value, limit, says: named(reason) }, "") || named(reason);
+  const says = withShortNames(named(reason));
+  return word(`reason_${code}`, { of: withShortNames(of), by: named(of), value, limit, says }, "") || says;
 }
 
 // Whether the sentence of such a reason has what only the device knows.
@@ -46,7 +48,7 @@ export function saysMore({ reason_code: code }) {
 
 // The service's own sentence, which has what only the device knows.
 export function sentenceOf(error) {
-  return named(error.detail ?? error.message ?? "");
+  return withShortNames(named(error.detail ?? error.message ?? ""));
 }
 
 // The step of a program that failed, and the step's own error.

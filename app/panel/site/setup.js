@@ -1,5 +1,6 @@
 // The page Setup: its parts, and the limits of the joints as the service has them.
 import { Archives } from "./archives.js";
+import { shortNames } from "./joint-names.js";
 import { tcpOf } from "./kinematics.js";
 import { People } from "./people.js";
 import { Surroundings } from "./solids.js";
@@ -63,11 +64,12 @@ export class Setup {
   write() {
     const head = document.createElement("tr");
     head.append(...["limit_joint", "limit_range", "limit_velocity", "limit_effort"].map((name) => cell("th", word(name))));
-    const rows = this.ranges.map(({ name, slides, min_position: low, max_position: high, max_velocity: speed, max_effort: effort }) => {
+    const names = shortNames(this.ranges.map(({ name }) => name));
+    const rows = this.ranges.map(({ name, slides, min_position: low, max_position: high, max_velocity: speed, max_effort: effort }, index) => {
       const [scale, unit] = slides ? [1000, "mm"] : [180 / Math.PI, "°"];
       const row = document.createElement("tr");
       row.append(
-        cell("td", name),
+        cell("td", names[index] === name ? name : `${names[index]} (${name})`),
         cell("td", `${(scale * low).toFixed(1)} … ${(scale * high).toFixed(1)} ${unit}`),
         cell("td", `${(scale * speed).toFixed(0)} ${unit}/s`),
         cell("td", `${effort.toFixed(0)} ${slides ? "N" : "N·m"}`),

@@ -1,4 +1,5 @@
 // The fields of the chosen step. Editing a field changes the step at once; Undo reverts it.
+import { shortNames } from "./joint-names.js";
 import { DEFAULT, PLANNERS } from "./planners.js";
 import { canBlend, kindOf, POSE } from "./steps.js";
 import { made } from "./step-tree.js";
@@ -146,8 +147,9 @@ export class StepForm {
 
   joints(step) {
     const joints = this.page.now().geometry?.joints ?? [];
+    const names = shortNames(joints.map(({ name }) => name));
     return this.group("joints", ...step.joints.map((value, index) => this.numeric("step_axis", value, (made) => this.edit((now) => (now.joints[index] = made)), {
-      text: `J${index + 1} (${joints[index]?.slides ? "mm" : "°"})`, scale: joints[index]?.slides ? MM : DEG,
+      text: `${names[index] ?? `J${index + 1}`} (${joints[index]?.slides ? "mm" : "°"})`, scale: joints[index]?.slides ? MM : DEG,
     })));
   }
 

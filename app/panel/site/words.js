@@ -26,6 +26,10 @@ export function speak(id, words) {
   if (shown.textContent !== text) shown.textContent = text;
 }
 
+export function timeOfDay(time) {
+  return new Date(time).toLocaleTimeString(language, { hourCycle: "h23" });
+}
+
 // Called now and whenever another language is chosen.
 export function inEachLanguage(write) {
   listeners.add(write);

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+from typing import Any
 
 import httpx
 import numpy as np
@@ -272,8 +273,44 @@ def test_joint_names_are_shortened_to_what_is_different(panel: Panel) -> None:
         "alone": ["alone"],
     }
     for short, names in given.items():
-        found = panel.page.run(f"import('/panel/readouts.js').then((all) => all.shortNames({names}))")
+        found = panel.page.run(f"import('/panel/joint-names.js').then((all) => all.shortNames({names}))")
         assert " ".join(found) == short
+
+
+def test_a_message_names_joints_as_the_fields_do(panel: Panel) -> None:
+    name = panel.page.run("cobotPanel.readouts.ranges[5].name")
+    label = panel.page.run("document.querySelectorAll('#joints .row span')[5].textContent")
+    assert label != name
+    error = json.dumps({"detail": f"{name} is at its limit"})
+    said = panel.page.run(f"import('/panel/reasons.js').then((all) => all.reasonOf({error}))")
+    assert said == f"{label} is at its limit"
+
+
+def test_a_long_text_under_the_picture_is_shown_whole_and_moves_nothing(panel: Panel) -> None:
+    def say(text: str) -> None:
+        panel.page.run(f"cobotPanel.motions.say(() => {json.dumps(text)})")
+
+    def places() -> Any:
+        of = "[...document.querySelectorAll('#view, #side, #execute, #stop')]"
+        return panel.page.run(f"{of}.map((each) => JSON.stringify(each.getBoundingClientRect()))")
+
+    plan = "document.querySelector('#plan')"
+    shown = f"(({{ clientHeight, scrollHeight }}) => scrollHeight <= clientHeight + 1)({plan})"
+    say("Short.")
+    panel.until("document.querySelector('#plan + .more').hidden")
+    say("A reason that takes many words. " * 20)
+    panel.until("!document.querySelector('#plan + .more').hidden")
+    assert not panel.page.run(shown)
+    before = places()
+    panel.page.click("#plan + .more")
+    panel.until(shown)
+    assert places() == before
+    panel.page.click("#plan + .more")
+    panel.until(f"!{shown}")
+    panel.page.click("#plan + .more")
+    say("Short.")
+    panel.until("document.querySelector('#plan + .more').hidden && !document.querySelector('[data-whole]')")
+    panel.page.run("cobotPanel.motions.discard()")
 
 
 def test_a_button_that_cannot_work_has_the_reason_as_its_tooltip(panel: Panel) -> None:

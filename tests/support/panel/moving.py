@@ -246,9 +246,15 @@ def test_a_place_is_taught_gone_to_and_forgotten(panel: Panel) -> None:
         panel.run.go_home()
         set_to(panel, "#motion-speed", "100")
         planned(panel, "bench")
+        assert panel.text("#position-teach") == "Replace"
         panel.page.click("#execute")
         panel.until("document.querySelector('#plan').innerText === 'The arm has arrived.'")
         np.testing.assert_allclose(panel.run.joints(), place, atol=5e-3)
+        panel.until("/^Done at [0-9:]{8} \\(requested by /.test(document.querySelector('#job').innerText)")
+        planned(panel, "work")
+        assert panel.page.run("document.querySelector('#position-name').value") == "", "it cannot be saved"
+        assert panel.text("#position-teach") == "Save"
+        panel.page.click("#discard")
         set_to(panel, "#position-name", "home")
         panel.page.click("#position-teach")
         panel.until("document.querySelector('#plan').innerText.startsWith('This name is already in use')")
