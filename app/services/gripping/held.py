@@ -111,7 +111,9 @@ class HeldService:
             await self.follow()
 
     def _between(self) -> str | None:
-        """Find the nearest object or part at the TCP that is not attached."""
+        """Find the nearest object or part at the TCP that is not attached. A fixture of the cell is not held,
+        even if the fingers press against it.
+        """
         try:
             tcp = self._robot.model.forward(self._link.state().position)
         except UnavailableError:
@@ -119,7 +121,7 @@ class HeldService:
         distances = {
             name: distance_m(each, tcp.position)
             for name, each in {**self._scene.scene.objects, **self._parts_where_they_are()}.items()
-            if not each.attached
+            if not each.attached and name not in self._fixtures
         }
         name = min(distances, key=lambda each: distances[each], default=None)
         return None if name is None or distances[name] > REACH_M else name

@@ -4,11 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from cell_run import EXAMPLE
 from plant_service import THE_CELL, ServiceOfPlant
+
+from app.services.gripping.held import HeldService
+from app.services.motion.scene import SceneService
+from app.services.rights.ownership import Ownership
+from app.services.state.link import RobotLink
+from cobot.cell import load_cell
+from cobot.robot.description import RobotDescription
+from cobot.robot.scene import Scene, SceneObject
 
 DOWN = {"b": math.pi}
 CUBE = {"x": 0.5, "y": -0.3, "z": 0.225}
@@ -125,3 +135,20 @@ def test_what_is_released_on_the_way_is_out_of_the_scene_before_the_arm_moves_on
     run.post("/stop").raise_for_status()
     run.until(lambda: run.get("/robot/state").json()["mode"] == "HOLD")
     run.post("/cell/reset").raise_for_status()
+
+
+def test_a_fixture_that_the_fingers_press_against_is_not_held(robot: RobotDescription) -> None:
+    home = np.array(robot.positions["home"].joints)
+    pose = (*robot.model.forward(home).position.tolist(), 1.0, 0.0, 0.0, 0.0)
+    near = {name: SceneObject("box", (0.5, 0.5, 0.02), pose) for name in ("table", "plate")}
+    cell = load_cell(EXAMPLE / "cell.yaml")
+    assert "table" in cell.fixtures
+    for objects, held in ((near, "plate"), ({"table": near["table"]}, None)):
+        service = HeldService(
+            robot,
+            cast(RobotLink, SimpleNamespace(state=lambda: SimpleNamespace(position=home), cell=dict)),
+            cast(Ownership, SimpleNamespace()),
+            cast(SceneService, SimpleNamespace(scene=Scene(1, objects))),
+            cell,
+        )
+        assert service._between() == held
