@@ -1,5 +1,6 @@
 // A trajectory of a CSV or JSON file. It is shown first, each joint with its limits, and then sent.
 import { LONG_MS } from "./api.js";
+import { withShortNames } from "./joint-names.js";
 import { row } from "./plots.js";
 import { fromRest, read, readJson, velocityCurve } from "./points.js";
 import { reasonOf } from "./reasons.js";
@@ -69,10 +70,10 @@ export class Csv {
       const [unit, scale] = range.slides ? ["mm", 1000] : ["°", 180 / Math.PI];
       const said = [];
       if (positions.some(([, value]) => value < range.min_position - TOLERANCE || value > range.max_position + TOLERANCE)) {
-        said.push(word("csv_position", { name: range.name }));
+        said.push(word("csv_position", { name: withShortNames(range.name) }));
       }
       if (most > range.max_velocity + TOLERANCE) {
-        const values = { name: range.name, unit, value: (scale * most).toFixed(1), limit: (scale * range.max_velocity).toFixed(1) };
+        const values = { name: withShortNames(range.name), unit, value: (scale * most).toFixed(1), limit: (scale * range.max_velocity).toFixed(1) };
         said.push(word("csv_velocity", values));
       }
       return said;

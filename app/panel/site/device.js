@@ -1,4 +1,5 @@
 // What moves the robot: what it can do, how it says that it is, and what the first contact with it has found.
+import { withShortNames } from "./joint-names.js";
 import { reasonOf } from "./reasons.js";
 import { inEachLanguage, speak, word } from "./words.js";
 
@@ -28,7 +29,7 @@ export class Device {
     element("device-all").replaceChildren(...(this.told ? this.rows(this.told) : []).flat());
     const found = this.told?.unacknowledged ?? "";
     element("contact").hidden = !found;
-    element("contact-found").textContent = found;
+    element("contact-found").textContent = withShortNames(found);
   }
 
   // In the head of the page, of which a simulation says nothing.

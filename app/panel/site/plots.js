@@ -1,4 +1,5 @@
 // Positions and velocities of each joint over time, with their limits: of a file, or of a planned motion.
+import { withShortNames } from "./joint-names.js";
 import { curve } from "./lines.js";
 import { inEachLanguage, word } from "./words.js";
 
@@ -7,12 +8,14 @@ const element = (id) => document.getElementById(id);
 // range: the joint, of GET /robot/geometry; positions and velocities: [time, value] each.
 export function row({ range, positions, velocities, more = "" }) {
   const { name, min_position: low, max_position: high, max_velocity: most } = range;
+  const joint = withShortNames(name);
   const label = document.createElement("b");
-  label.textContent = `${name} ${more}`.trim();
+  label.textContent = `${joint} ${more}`.trim();
+  label.title = name;
   return [
     label,
-    curve(positions, [low, high], word("plot_position", { name })),
-    curve(velocities, [-most, most], word("plot_velocity", { name })),
+    curve(positions, [low, high], word("plot_position", { name: joint })),
+    curve(velocities, [-most, most], word("plot_velocity", { name: joint })),
   ];
 }
 

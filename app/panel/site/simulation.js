@@ -32,7 +32,7 @@ export class Simulation {
 
   // Also a factor that another client has set, and for which there is no button.
   show(factor) {
-    element("simulation-factor").textContent = factor === 1 ? "" : ` × ${factor}`;
+    element("simulation-factor").textContent = factor === 1 ? "" : `× ${factor}`;
     for (const each of element("time-factor").querySelectorAll("input")) each.checked = Number(each.value) === factor;
   }
 

@@ -1,4 +1,5 @@
 // A number of a joint or of the TCP, typed over: Enter plans the motion and shows it, a second Enter runs it.
+import { withShortNames } from "./joint-names.js";
 import { abcOf, tcpOf } from "./kinematics.js";
 import { word } from "./words.js";
 
@@ -46,7 +47,7 @@ export class Typed {
       return;
     }
     this.planned = asked;
-    const name = `${field.closest(".row").firstElementChild.title} ${field.value}`;
+    const name = `${withShortNames(field.closest(".row").firstElementChild.title)} ${field.value}`;
     const planned = kind === "joint"
       ? this.motions.toJoints(name, this.joints(state, geometry, Number(index), typed))
       : this.toPose(name, this.pose(state, geometry, Number(index), typed));

@@ -95,13 +95,11 @@ def test_a_csv_file_is_looked_at_before_it_is_sent(panel: Panel) -> None:
     until(lambda: panel.rests() and abs(panel.run.joints()[0] - 0.1) < 5e-3)
 
     drop(panel, "#csv-why", "fast.csv", rows_of([0.0, 0.05], [0.1, 4.0]))
-    panel.until("document.querySelector('#csv-why').innerText.includes('joint1 reaches')")
-    assert "joint1 leaves its range" in panel.text("#csv-why")
+    panel.until("document.querySelector('#csv-why').innerText.includes('J1 reaches')")
+    assert "J1 leaves its range" in panel.text("#csv-why")
     assert panel.page.run("document.querySelectorAll('#csv-plots .beyond').length") == 2
     panel.page.click("#csv-send")
-    panel.until(
-        "document.querySelector('#csv-why').innerText.includes('joint1: 229° is beyond the limit of')"
-    )
+    panel.until("document.querySelector('#csv-why').innerText.includes('J1: 229° is beyond the limit of')")
 
     drop(panel, "#csv-why", "away.csv", rows_of([0.0, 2.0], [0.3, 0.4]))
     panel.until("document.querySelector('#csv-why').innerText.includes('away.csv')")
@@ -142,7 +140,7 @@ def test_files_are_chosen_and_taken_away(panel: Panel, tmp_path: Path) -> None:
     fast = tmp_path / "fast.csv"
     fast.write_text(rows_of([0.0, 0.1], [0.0, 0.3]), encoding="utf-8")
     panel.page.choose("#csv-choose", fast)
-    panel.until("document.querySelector('#csv-why').innerText.includes('joint1 reaches')")
+    panel.until("document.querySelector('#csv-why').innerText.includes('J1 reaches')")
     panel.page.click("#csv-retime")
     panel.page.click("#csv-send")
     panel.until("document.querySelector('#csv-why').innerText.startsWith('Moves for')")

@@ -213,7 +213,7 @@ def test_a_typed_value_is_planned_and_a_second_enter_runs_it(panel: Panel) -> No
     first = "#joints .row:nth-child(1) input"
     type_and_plan(first, "11,5")
     assert is_at(panel, HOME), "a plan moves nothing"
-    assert panel.text("#plan").startswith("To joint1 11,5.")
+    assert panel.text("#plan").startswith("To J1 11,5.")
     run()
     np.testing.assert_allclose(commanded(panel), [np.radians(11.5), *HOME[1:]], atol=1e-6)
     before = tcp_at(panel, commanded(panel))

@@ -214,7 +214,7 @@ def device(panel: Panel) -> dict[str, Any]:
 def acknowledge(panel: Panel) -> None:
     """Only who has seen to the payload may; what was found is there to be read."""
     panel.until("!document.querySelector('#contact').hidden")
-    assert "joint4 -90.0 degrees" in panel.text("#contact-found")
+    assert "J4 -90.0 degrees" in panel.text("#contact-found")
     panel.page.click("#acknowledge")
     panel.until("document.querySelector('#contact-why').innerText.startsWith('payload_checked')")
     panel.page.click("#contact-payload")
@@ -262,7 +262,7 @@ def fails_in_words(panel: Panel) -> None:
             set_to(panel, "#language", language)
             assert panel.text("#banner-cause").startswith(cause)
         panel.page.click("#reset")
-        panel.until("document.querySelector('#banner-way').innerText.includes('joint3 is too hot')")
+        panel.until("document.querySelector('#banner-way').innerText.includes('J3 is too hot')")
         panel.until("document.querySelector('#log [data-problem][data-type=fault]')")
     finally:
         file.unlink()

@@ -81,7 +81,7 @@ def test_after_a_stop_the_page_says_what_has_stopped_by_whom_and_what_to_press_n
             {"code": "motion_timeout"},
             "The arm did not arrive in time. The arm came to rest after 40 % of the path.",
         ),
-        ({"code": "execution", "detail": "joint2 left its tolerance"}, "joint2 left its tolerance"),
+        ({"code": "execution", "detail": "joint2 left its tolerance"}, "J2 left its tolerance"),
     ],
 )
 def test_a_motion_that_ends_on_its_way_without_a_stop_says_why(
@@ -121,7 +121,7 @@ REASONS: list[tuple[dict[str, Any], str]] = [
     ({"code": "condition_not_met"}, "The motion ended, but its condition was not met."),
     (
         reason("joint_limit", [-2.09, -2.1], "rad", "joint4"),
-        "joint4 is at -120°, its limit is -120°. Move it the other way.",
+        "J4 is at -120°, its limit is -120°. Move it the other way.",
     ),
 ]
 """Details of a step's error, and what the page says of it."""
@@ -170,7 +170,7 @@ def test_a_limit_of_a_step_is_named_with_its_values(panel: Panel) -> None:
         "explain": {"checks": [check], "works": []},
     }  # fmt: skip
     found = panel.page.run(f"import('/panel/reasons.js').then((all) => all.reasonOf({json.dumps(error)}))")
-    assert found == "Step 2: joint1: 172° is beyond the limit of 166°."
+    assert found == "Step 2: J1: 172° is beyond the limit of 166°."
 
 
 @pytest.mark.parametrize("menu", ["override-part", "control-part", "program-menu", "add"])

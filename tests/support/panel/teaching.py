@@ -272,7 +272,7 @@ def test_a_file_is_previewed_until_a_step_that_decides_and_run_as_it_is(panel: P
     wrong = {"waypoints": [{"joints": [9.0, *HOME[1:]], "speed": 1.0, "label": "too far"}]}
     drop(panel, "#steps", "wrong.json", json.dumps(wrong))
     panel.page.click("#preview")
-    panel.until("document.querySelector('#plan').innerText.includes('joint1')")
+    panel.until("document.querySelector('#plan').innerText.includes('J1')")
     forget(panel, "422")
     panel.page.run("localStorage.clear()")
     panel.load()
