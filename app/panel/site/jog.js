@@ -12,6 +12,7 @@ const [FULL_M_S, FULL_RAD_S] = [1, 2];
 const [MAX_M_S, MAX_RAD_S, MAX_SHARE] = [0.25, 0.5, 0.5];
 const LATCHED = ["ESTOP", "FAULT"];
 const STEPS = { small: [0.5, 0.001], middle: [2, 0.01], large: [10, 0.05] };
+const percentOf = ({ share }) => Math.round(100 * share);
 const element = (id) => document.getElementById(id);
 
 export class Jog {
@@ -25,6 +26,7 @@ export class Jog {
     this.held = null;
     this.why = null; // why nothing can be jogged; "" if it can
     this.refused = false; // whether the reason is shown why the last press did not move the arm, or no longer does
+    this.blocked = false; // whether the arm has come to rest while the button was held
     this.timer = 0;
     this.pending = false;
     document.addEventListener("pointerdown", (event) => this.press(event, event.target.closest?.("[data-jog]")));
@@ -88,7 +90,7 @@ export class Jog {
     if (!button || (event.button ?? 0) !== 0) return;
     const { how } = this;
     this.release();
-    this.refused = false;
+    this.refused = this.blocked = false;
     if (!this.speeds.override) return void this.say(() => word("jog_override_zero"));
     if (how !== "hold") {
       this.step(button, ...STEPS[how]);
@@ -112,7 +114,7 @@ export class Jog {
     this.held = null;
     clearInterval(this.timer);
     this.stream.send({ type: "jog" });
-    if (!this.refused) this.hint();
+    if (!this.refused && !this.blocked) this.hint();
   }
 
   // The connection is lost, or no states come: the arm stops, and the person learns why.
@@ -125,7 +127,7 @@ export class Jog {
   // For another robot.
   clear() {
     this.release();
-    this.refused = false;
+    this.refused = this.blocked = false;
     this.hint();
   }
 
@@ -150,6 +152,7 @@ export class Jog {
     if (frame.type === "jog" && this.held) {
       if (this.refused && frame.share === 0) return; // the service waits for the release
       this.refused = false;
+      this.blocked = Boolean(frame.limited_by) && percentOf(frame) === 0;
       this.say(() => (frame.limited_by ? this.limited(frame) : word("jog_moves")));
     } else if (frame.type === "jog_ended" && frame.reason) this.refuse(() => word("jog_ended", { reason: whyOf(frame) }));
     else if (frame.type === "error" && frame.about === "jog") this.refuse(() => reasonOf(frame));
@@ -162,7 +165,9 @@ export class Jog {
   }
 
   limited(frame) {
-    return word("jog_limited", { percent: Math.round(100 * frame.share), why: whyOf({ ...frame, reason: frame.limited_by }) });
+    const percent = percentOf(frame);
+    const why = whyOf({ ...frame, reason: frame.limited_by });
+    return word(percent ? "jog_limited" : "jog_blocked", { percent, why });
   }
 
   // An increment is a motion like any other: planned, checked, and refused with the reason. It starts from the

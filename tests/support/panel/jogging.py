@@ -94,6 +94,32 @@ def test_the_reason_of_a_refused_press_stays_after_the_release(panel: Panel) -> 
             other.request("DELETE", "/robot/control", headers=headers).raise_for_status()
 
 
+def test_what_blocks_the_arm_is_said_until_the_next_press(panel: Panel) -> None:
+    """Oracle: the joints by REST, and the scene with a box 50 mm below the TCP."""
+    x, y, z = httpx.get(f"{panel.run.url}/robot/pose", timeout=WAIT_S).json()["position"].values()
+    box = {"shape": "box", "size": [0.1, 0.1, 0.1], "x": x, "y": y, "z": z - 0.1}
+    with httpx.Client(base_url=panel.run.url, timeout=WAIT_S) as http:
+        http.post("/scene", json={"objects": {"box": box}}).raise_for_status()
+        try:
+            set_to(panel, "#motion-speed", "50")
+            place = panel.page.place(button("tcp", 2, -1))
+            panel.page.mouse("mousePressed", place)
+            shown = "document.querySelector('#jog-why').innerText"
+            panel.until(f"{shown}.startsWith('No further this way: Only ') && {shown}.includes('box')")
+            panel.page.mouse("mouseReleased", place)
+            panel.until("!cobotPanel.jog.held")
+            assert panel.text("#jog-why").startswith("No further this way: ")
+            place = panel.page.place(button("tcp", 2, 1))
+            panel.page.mouse("mousePressed", place)
+            panel.until(f"{shown} === 'The arm moves.'")
+            panel.page.mouse("mouseReleased", place)
+            panel.until(f"{shown}.startsWith('Hold ')")
+        finally:
+            until(panel.rests)
+            http.post("/scene", json={"clear": True}).raise_for_status()
+            panel.run.go_home()
+
+
 COUNT_ANSWERS = """(jog => {
     jog.answers = 0;
     jog.hear = (frame) => {
