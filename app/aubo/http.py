@@ -21,12 +21,12 @@ from app.api.documentation.openapi import CONTROL, error_components, error_refer
 from app.api.errors import ErrorAnswer
 from app.api.json_text import decoded
 from app.api.middleware.access import identity_of
-from app.api.middleware.clients import MOTION_TOKEN
 from app.api.middleware.versions import plain_path
 from app.api.route import EndpointRouter
 from app.aubo.classes import CLASSES, REGISTRY
 from app.aubo.fields import REQUIRED, ServiceField
 from app.aubo.registry import CallOrigin, VendorService, bind, run, unknown_service
+from app.services.clients import CLIENT
 from cobot import audit
 from cobot.access.roles import Role, require
 from cobot.errors import NotFoundError
@@ -89,7 +89,7 @@ async def vendor_service(request: Request) -> JSONResponse:
     require(identity_of(request), found.role)
     bound = bind(found, await _content(request))
     audit.leave_out()  # `run` writes an audit log entry for each change, for all transports
-    origin = CallOrigin(f"POST {request.url.path}", stops, request.headers.get(MOTION_TOKEN))
+    origin = CallOrigin(f"POST {request.url.path}", stops, CLIENT.get().sequence)
     return JSONResponse(asdict(await run(services, found, bound, origin)))
 
 
