@@ -20,6 +20,7 @@ from app.services.motion.retarget import KINDS
 from app.services.rights.claims import Claim
 from app.services.rights.job import JobKind
 from app.services.rights.stop_reason import StopReason
+from app.services.state.link import RobotLink
 from cobot.errors import ConflictError, ExecutionError, PlanningTimeout, UnavailableError
 from cobot.ipc.layout import Command
 from cobot.motions.requests import MotionRequest
@@ -251,6 +252,24 @@ def test_if_planning_is_slow_the_arm_leaves_its_path_further_ahead(
     assert ended(run, job)["state"] == "finished"
     np.testing.assert_allclose(run.joints(), BACK["joints"], atol=2e-3)
     require_within_limits(run)
+
+
+def test_a_faster_simulation_leaves_its_path_further_ahead(
+    run: VirtualService, slow_planning: Callable[[float], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """More path time passes while a motion is planned. Oracle: the place at which the arm leaves its path."""
+    slow_planning(0.05)
+    changes_s = []
+    for hurry in (1.0, 4.0):
+        monkeypatch.setattr(RobotLink, "hurry", hurry)
+        run.go_home()
+        job = moving(run, FAR | {"speed": 0.2})
+        for by in (1.4, 1.3):  # the second change uses the time that the first one took
+            answer = new_goal(run, job, {"joints": [by, *HOME[1:]], "speed": 0.2})
+            assert answer.status_code == 200, answer.text
+        changes_s.append(answer.json()["change_in_s"])
+        assert ended(run, job)["state"] == "finished"
+    assert changes_s[1] - changes_s[0] == pytest.approx(3.0 * 2.0 * 0.05, abs=0.02)
 
 
 def test_if_planning_outlasts_the_motion_the_arm_goes_to_its_former_goal(
