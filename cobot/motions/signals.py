@@ -163,9 +163,6 @@ class PathSignals:
     pause_while: Condition | None = None
     until: Until | None = None
 
-    def __bool__(self) -> bool:
-        return self != NO_SIGNALS
-
 
 NO_SIGNALS = PathSignals()
 

@@ -21,7 +21,7 @@ from cobot.motions.fence import Fence
 from cobot.motions.improving import Planned
 from cobot.motions.requests import Blended, MotionRequest
 from cobot.motions.signal_places import place_signals, resting
-from cobot.motions.signals import NO_PLACED, PathSignals, Placed
+from cobot.motions.signals import NO_PLACED, NO_SIGNALS, PathSignals, Placed
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array
@@ -170,7 +170,7 @@ class MoveService:
         the arm is already at the goal, the trajectory has zero length if there are actions or conditions;
         otherwise it is None. `start` has shape (dof,), in rad.
         """
-        if not any(course.signals):
+        if all(each == NO_SIGNALS for each in course.signals):
             return course.trajectory, NO_PLACED
         trajectory = course.trajectory or resting(start)
         return trajectory, place_signals(course.signals, course.ends_s, await self._motion.way(trajectory))

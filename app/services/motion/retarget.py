@@ -26,6 +26,7 @@ from cobot.errors import CobotError, ConflictError, ExecutionError, InputError
 from cobot.motions.change_over import ChangeOver
 from cobot.motions.planners import ANY_GOAL
 from cobot.motions.requests import MotionRequest
+from cobot.motions.signals import NO_SIGNALS
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Scene
 from cobot.trajectory import Trajectory
@@ -315,7 +316,7 @@ def _require_goal(goal: MotionRequest) -> None:
             "the goal is relative to the position of the arm (frame_id tool, or an arc by an angle), "
             "but the arm is moving; give the goal in the base frame, or as joint angles"
         )
-    if goal.signals:
+    if goal.signals != NO_SIGNALS:
         raise InputError(
             "actions and conditions cannot be added to a running motion; leave them out, or cancel the "
             "job and request a new motion"

@@ -12,7 +12,7 @@ from dataclasses import replace
 from app.services.motion.signal_follower import SignalFollower
 from app.services.rights.signal_results import NO_RESULTS, SignalResults
 from cobot.motions.signal_places import TcpWay, place_signals, rest_of
-from cobot.motions.signals import NO_PLACED, PathPlace, PathSignals, Placed
+from cobot.motions.signals import NO_PLACED, NO_SIGNALS, PathPlace, PathSignals, Placed
 from cobot.types import MAX_ACTIONS
 
 AT_ONCE = PathPlace("fraction", 0.0)
@@ -38,7 +38,7 @@ class MoveSignals:
         self.follower: SignalFollower | None = None
 
     def __bool__(self) -> bool:
-        return any(self._segments) or self._exact != NO_PLACED
+        return any(each != NO_SIGNALS for each in self._segments) or self._exact != NO_PLACED
 
     @property
     def results(self) -> SignalResults:
