@@ -46,8 +46,8 @@ def remainder_at(trajectory: Trajectory, time_s: float) -> tuple[Trajectory, flo
 
 
 def expanded(trajectory: Trajectory, origins_s: Array, inside_s: Array) -> Array:
-    """Coefficients, in the time since `origins_s`, of the segments that contain the times `inside_s`. Shape:
-    (n, dof, 6).
+    """For each time in `inside_s`, the coefficients of the trajectory's segment at that time. They are
+    expanded about the corresponding time in `origins_s`. Shape: (n, dof, 6).
     """
     index = np.searchsorted(trajectory.breakpoints_s, inside_s, side="right") - 1
     since = origins_s - trajectory.breakpoints_s[index]

@@ -209,5 +209,5 @@ def _amount(count: int) -> str:
 
 
 def format_numbers(values: tuple[float, ...]) -> str:
-    """Numbers for an attribute, with all their digits."""
+    """Format numbers for an attribute, at full precision."""
     return " ".join(map(repr, values))

@@ -12,8 +12,8 @@ RATES = ("max_velocity", "max_acceleration", "max_jerk")
 
 
 def device_limits(backend: object, model: JointLimits) -> JointLimits | None:
-    """Return a backend's attribute `limits`; None if it has none, or if they are for a different number of
-    joints than the model's.
+    """Return a backend's attribute `limits`. None if it has none, or if its number of joints differs from the
+    model's.
     """
     limits = getattr(backend, "limits", None)
     return limits if isinstance(limits, JointLimits) and limits.dof == model.dof else None

@@ -21,7 +21,9 @@ modules.
 
 @dataclass(frozen=True, slots=True)
 class Permissions:
-    """The granted permissions. `refused` lists the others, with reasons."""
+    """The permissions that Linux has granted. `refused` lists the permissions that it has denied, with
+    reasons.
+    """
 
     sched_fifo: bool
     memory_locked: bool

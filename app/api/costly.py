@@ -37,7 +37,9 @@ class Costly:
             asyncio.get_running_loop().call_later(rest_s, self._one.release)
 
     async def start(self, rest_s: float) -> None:
-        """Wait until work of unknown duration may begin. Other costly work then waits at least `rest_s`."""
+        """Wait until work of unknown duration may begin. Other costly work can begin at least `rest_s`
+        later.
+        """
         await self._one.acquire()
         asyncio.get_running_loop().call_later(rest_s, self._one.release)
 

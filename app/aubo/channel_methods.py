@@ -40,7 +40,7 @@ async def send_line(channel: Channel, value: str) -> None:
 
 
 async def send_int(channel: Channel, value: int) -> None:
-    """Send an integer as four bytes, the highest first.
+    """Send an integer as four bytes, most significant byte first.
 
     Args:
         value: the integer.
@@ -121,7 +121,7 @@ async def read_byte_list(channel: Channel, number: int, timeout: float = TIMEOUT
 
 
 async def read_binary_integer(channel: Channel, number: int, timeout: float = TIMEOUT_S) -> list[int]:
-    """Read a number of integers of four bytes, highest byte first.
+    """Read a given number of four-byte integers, most significant byte first.
 
     Args:
         number: number of integers, from 1 to 1000.

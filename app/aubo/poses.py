@@ -30,7 +30,7 @@ def pose_of(values: list[float], name: str = "pose") -> Pose:
 
 
 def place_of(values: list[float], name: str = "pose", most_m: float = FARTHEST_M) -> Pose:
-    """Return a pose from its six numbers, for a real object. The bounds are tighter than those of `pose_of`.
+    """Convert six numbers to the pose of a real object. The bounds are tighter than those of `pose_of`.
 
     Raises:
         InputError: see `pose_of`; or a coordinate is above `most_m`, or an angle above one and a half turns.

@@ -124,8 +124,8 @@ class HttpProtocol(HttpToolsProtocol):
             self._feed(data)
 
     def _has_place(self, data: bytes) -> bool:
-        """Whether a request may continue on this connection's place. On a reserve place, only a stop and
-        /health may. The check needs no turn.
+        """Whether this connection's place permits its request. A reserve place permits only a stop and
+        /health. The check does not wait for a turn.
 
         A waiting /stop or /health is also recorded, because it is evicted later than a connection without a
         request.

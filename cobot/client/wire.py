@@ -66,7 +66,7 @@ def header(frame: bytes) -> tuple[FrameKind, int]:
 
 
 def record(frame: bytes, dof: int) -> np.ndarray:
-    """A copy of the record in a frame whose `header` is valid, shape ().
+    """A copy of the record in a frame. The frame's `header` must be valid. The result has shape ().
 
     Raises:
         InputError: the frame is too short or too long for the record.

@@ -76,8 +76,8 @@ class CellSettings:
 
     @contextlib.contextmanager
     def trial(self, files: Sequence[BundleFile]) -> Iterator[Settings]:
-        """Context manager that provides the settings of this cell with these files. The files exist only
-        during the context.
+        """Context manager that provides this cell's settings as they would be with the given files. The files
+        exist only during the context.
 
         Raises:
             InputError: the settings are invalid or not suitable for this cell, or `cobot check` finds an

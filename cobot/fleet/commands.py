@@ -32,7 +32,9 @@ AHEAD_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class KnownTime:
-    """A time that the hub has sent, and the times on this computer's clock before and after the question."""
+    """A time that the hub has sent, and the times on this computer's clock just before the request and just
+    after the answer.
+    """
 
     hub: HubTime
     asked_s: float

@@ -343,7 +343,9 @@ class Hub:
     def _answers_of(
         self, missing: set[tuple[str, str]], key: str, payload: bytes, until_s: float, timeout_s: float
     ) -> dict[tuple[str, str], CommandAnswer]:
-        """Send a command until these robots have answered, or until this time on `time.monotonic`."""
+        """Send a command repeatedly until all `missing` robots have answered, or until `until_s` on
+        `time.monotonic`.
+        """
         answers: dict[tuple[str, str], CommandAnswer] = {}
         while True:
             found = _worst(self._ask(key, payload, timeout_s))
@@ -488,7 +490,7 @@ class Hub:
                         self._keep(state)
 
     def _ask_events(self, tile: Tile) -> None:
-        """Request a robot's events from before its first state."""
+        """Request the events that a robot has recorded before its first state arrived."""
         import zenoh
 
         cell, robot, instance = tile.state.cell, tile.state.robot, tile.state.instance

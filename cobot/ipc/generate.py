@@ -40,8 +40,8 @@ _NOTE = "# Layout version {version}, records {digest}.\n"
 
 
 def records_digest() -> str:
-    """A digest of the records of `cobot.ipc.layout`, of `cobot.ipc.records` and of the state block, for each
-    number of joints.
+    """A digest of all records in shared memory: those of `cobot.ipc.layout`, those of `cobot.ipc.records` and
+    the state block. It covers every possible number of joints.
     """
     joints = range(1, MAX_DOF + 1)
     records = {f"state {dof}": state_dtype(dof) for dof in joints}

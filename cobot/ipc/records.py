@@ -44,7 +44,8 @@ OWN = (
 
 
 def record_dtype(dof: int) -> np.dtype:
-    """The record of a cycle: the recorded fields of the state block, in its units and frames, and `OWN`.
+    """The record of a cycle. It contains the recorded fields of the state block, in the same units and
+    frames, and the fields in `OWN`.
 
     Positions are exact. Fields that are only displayed have the precision of float32. The widest fields come
     first, so that each field is aligned.

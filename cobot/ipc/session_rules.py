@@ -94,7 +94,9 @@ def check_session(request: np.ndarray, info: np.ndarray) -> None:
 
 
 def check_setpoint(setpoint: np.ndarray, stream: Stream) -> None:
-    """Check a target for this stream and a `move_to_pose`, and normalise the quaternions in both."""
+    """Check a target of a session with this kind of stream, and its `move_to_pose` if it has one. The
+    quaternions are normalised in place.
+    """
     for name in _TARGETS[stream]:
         _require_finite(setpoint[name], name)
     if stream is not Stream.CARTESIAN:

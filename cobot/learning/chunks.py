@@ -51,7 +51,7 @@ def actions_of(answer: Mapping[str, Any], dof: int, *, fingers: bool = False) ->
 def timed(
     actions: Array, observed_s: float, period_s: float, now_s: float, meaning: Meaning, position: Array
 ) -> tuple[Array, Array]:
-    """The waypoints that can still be reached in time, with their times.
+    """The waypoints that can still be reached in time, and the time of each.
 
     Action i is the target i + 1 periods after its observation. The times of the first actions have passed
     while the policy was computing, so these are left out. The others keep their times.

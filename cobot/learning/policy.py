@@ -179,8 +179,8 @@ class PolicyRunner:
         return self._next_s(observed_s, float(times_s[-1]))
 
     def _infer(self, observation: Mapping[str, Any]) -> Mapping[str, Any]:
-        """The policy's answer. While the policy computes it, the fingers follow the last chunk, as the arm
-        does.
+        """Get the policy's answer. While the policy computes it, both the arm and the fingers continue with
+        the last chunk.
         """
         if self._fingers is None:
             return self._policy.infer(observation)

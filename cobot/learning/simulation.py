@@ -80,7 +80,7 @@ class SimulatedFingers:
 
     @classmethod
     def of(cls, settings: Settings, backend: MujocoBackend) -> SimulatedFingers | None:
-        """The fingers in the cell of the settings; None if the cell has no hand."""
+        """The fingers of the simulated cell; None if the cell has no hand."""
         hand = hand_of(settings)
         return cls(hand, backend) if hand is not None and isinstance(backend, CellBackend) else None
 

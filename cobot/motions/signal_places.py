@@ -132,8 +132,8 @@ def _conditions(signals: PathSignals, times_s: tuple[float, float]) -> dict[str,
 def _path_time_s(
     action: Action, prefix: str, part_s: tuple[float, float], way: TcpWay, *, is_cut: bool
 ) -> float:
-    """The path time of an action. Its position is within the part of the path between the two path times in
-    `part_s`.
+    """The path time of an action. The action's position is measured within the part of the path between the
+    two path times in `part_s`.
     """
     place, (begin_s, end_s) = action.place, part_s
     begin_m, end_m = way.length_m(begin_s), way.length_m(end_s)
@@ -160,7 +160,7 @@ def _path_time_s(
 def rest_of(
     signals: PathSignals, times_s: Sequence[float], now_s: float, end_s: float, way: TcpWay
 ) -> PathSignals:
-    """The signals for the remaining part of an interrupted motion. Its actions keep their positions on the
+    """The signals for the remaining part of an interrupted motion. The actions keep their positions on the
     path.
 
     Args:

@@ -224,7 +224,7 @@ class HasConditions(Protocol):
 
 
 def require_conditions(motions: Sequence[HasConditions], prefixes: Sequence[str]) -> None:
-    """Check that only motions which can have conditions have them. All motions are parts of one trajectory.
+    """Reject conditions on motions that cannot have them. All given motions are parts of one trajectory.
 
     Args:
         prefixes: prefix of the fields of each motion, for errors.

@@ -214,8 +214,8 @@ def _joined(
 
 
 def _possible_shares(slowing: Trajectory, following: Trajectory, limits: JointLimits) -> list[float]:
-    """The `SHARES` at which no sample of the sum exceeds a rate limit. This takes a fraction of the time of
-    `check_motion`. It always includes the last one.
+    """The `SHARES` at which no sample of the sum exceeds a rate limit. The last share is always among them.
+    The calculation takes a fraction of the time of `check_motion`.
     """
     times_s = slowing.duration_s / STEPS * np.arange(STEPS)
     bounds = np.array((limits.max_velocity, limits.max_acceleration, limits.max_jerk))[:, None]

@@ -118,7 +118,7 @@ def _changes(record: np.ndarray, previous: np.ndarray | None, reason: str) -> It
 
 
 def latched_in(records: np.ndarray, before: np.ndarray | None) -> list[tuple[int, LoopMode]]:
-    """The cycles in which a fault or an e-stop began, and which of the two it was.
+    """The cycles in which a fault or an e-stop began, each with the mode that began.
 
     Args:
         before: last record before these records; None if it is unknown. The mode of the first record is then

@@ -242,8 +242,8 @@ class CollisionChecker:
         )
 
     def first_contact(self, trajectory: Trajectory) -> FirstContact | None:
-        """Find where a motion fails `check_trajectory`; None if it passes. The last motion that passed is not
-        checked again.
+        """Find where a motion fails `check_trajectory`; None if it passes. The check is skipped for the
+        motion that has passed last.
 
         Raises:
             InputError: see `check_trajectory`.

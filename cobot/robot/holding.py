@@ -67,8 +67,8 @@ class HoldingEffort:
 
 
 def held(model: RobotModel, limits: JointLimits, joints: Array) -> HoldingEffort:
-    """The joint that needs the greatest share of its effort limit in a posture, including the load of the
-    model.
+    """The joint that needs the greatest share of its effort limit to hold a posture. The model's load is
+    included.
     """
     torques = np.abs(model.gravity_torques(joints))
     return _hold(model, limits, joints, int((torques / limits.max_effort).argmax()))
@@ -93,7 +93,7 @@ def check_start(robot: RobotDescription, settings: Settings) -> None:
 
 
 def attach_tool_and_objects(robot: RobotDescription, settings: Settings) -> None:
-    """Attach to the model the tool and the objects that the service would start with.
+    """Add the tool and the attached objects to the model, as the service does when it starts.
 
     Raises:
         ConfigError: a file is invalid.

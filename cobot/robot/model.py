@@ -232,7 +232,9 @@ class RobotModel:
         return recognised(self.chain, self.limits, self.mj.qpos0)
 
     def kinematics(self, free: tuple[FreeAxis, ...] = ()) -> Arm:
-        """The inverse kinematics that leaves the TCP rotations in `free` open: none, one or all three."""
+        """The inverse kinematics for poses in which the TCP rotations in `free` may have any value: none, one
+        or all three.
+        """
         if not free:
             return self.inverse_kinematics
         if free not in self._freed:
@@ -250,7 +252,9 @@ class RobotModel:
         return Pose(out[:3], out[3:])
 
     def forward_into(self, joints: Array, out: Array) -> None:
-        """Write the result of `forward` into `out`, shape (7,), as x, y, z (m) and w, x, y, z."""
+        """Calculate the result of `forward` and write it into `out`, shape (7,): x, y, z (m), then w, x, y,
+        z.
+        """
         self.chain.forward_into(joints, out)
 
     def jacobian(self, joints: Array) -> Array:

@@ -68,8 +68,9 @@ class NearestParts:
         return self._checker.clearance.distances(rows, farthest_m)
 
     def among(self, rows: Array) -> tuple[Nearest | None, Nearest | None]:
-        """The nearest parts of the robot itself, and the nearest parts of the robot and its surroundings,
-        over all rows of joints, shape (n, dof). A pair that is farther apart than `FARTHEST_M` is None.
+        """The nearest pairs of parts over all rows of joints, shape (n, dof). The first pair is within the
+        robot; the second is between the robot and its surroundings. A pair that is farther apart than
+        `FARTHEST_M` is None.
         """
         return self._least(rows, self._own), self._least(rows, self._around)
 

@@ -98,7 +98,7 @@ class Messages:
         return name
 
     def default(self, name: str) -> Message:
-        """A message in which all fields have the defaults of ROS."""
+        """A message whose fields all have ROS's default values."""
         return self.record(name).default()
 
     def checked(self, name: str, message: Any) -> Message:

@@ -210,8 +210,8 @@ class Interpreter:
         self._report({"event": "done", **event})
 
     def _error_at(self, error: CobotError, text: str, here: Where) -> CobotError:
-        """The error of a step, with the place of the step. The details contain its number in the file that
-        was started, and the step's own sentence.
+        """The error of a step, extended by the step's location. The details contain the step's number in the
+        file that was started, and the original message.
         """
         placed = error.with_message(f"{text}: {error}")
         number = str(self._place["waypoint"] or "") if here.caller else ".".join(here.numbers)

@@ -184,8 +184,8 @@ class Sandbox:
 
 
 def _bytes(error: Exception) -> bytes:
-    """The text of an error for the program. A text from the service may contain characters that UTF-8 cannot
-    encode.
+    """Encode the text of an error for the program. A text from the service may contain characters that UTF-8
+    cannot encode.
     """
     return str(error).encode("utf-8", "backslashreplace")
 

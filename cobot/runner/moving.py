@@ -39,8 +39,8 @@ def go(
 
 
 def resolve(body: dict[str, Any], frames: Mapping[str, PalletPlace]) -> dict[str, Any]:
-    """The body of a motion request. If its `frame_id` is a place of a pallet, its poses are converted from
-    the frame of that place.
+    """The body of a motion request, with poses in a frame that the service knows. If the body's `frame_id` is
+    a place of a pallet, its poses are converted from the frame of this place.
     """
     place = frames.get(body.get("frame_id", ""))
     return body if place is None else place.resolve(body)

@@ -213,7 +213,7 @@ def _parts(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def require_no_files(part: dict[str, Any], place: str = "") -> None:
-    """Check that a part of a request names no function and no file of this computer.
+    """Check that a part of a request refers neither to a function nor to a file on this computer.
 
     Raises:
         InputError: it names one; the message gives the alternative.

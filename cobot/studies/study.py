@@ -81,7 +81,9 @@ class Study(StrictModel):
         raise NotImplementedError
 
     def contents(self) -> dict[str, str]:
-        """Hashes of everything outside the document that the results depend on, by readable names."""
+        """Hashes of all inputs of the results that are not in the document itself. Each has a readable
+        name.
+        """
         raise NotImplementedError
 
     def kernel(self) -> Kernel:

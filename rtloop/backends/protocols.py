@@ -233,8 +233,8 @@ class GuidedByHand(Protocol):
     """
 
     def begin_guiding(self) -> None:
-        """With the next `write`, make the device release the arm, which is at rest. Until `follow_commands`
-        is called, each command is the measured position, which the device must not follow.
+        """Make the device release the arm, which is at rest, at the next `write`. Until `follow_commands` is
+        called, each command is the measured position, which the device must not follow.
 
         Raises:
             BackendError: the device does not permit guiding. The device still holds the arm.

@@ -122,8 +122,8 @@ class Motion:
 
 
 def _point_times(breakpoints_s: Array, period_s: float) -> Array:
-    """Return the breakpoints, without those that are too close to the previous one or to the end, and with
-    evenly spaced times in between.
+    """Return the breakpoints, with evenly spaced times inserted between them. Breakpoints that are too close
+    to the previous one or to the end are left out.
     """
     nearest_s, end_s = NEAREST * period_s, float(breakpoints_s[-1])
     times_s = [0.0]

@@ -170,7 +170,8 @@ def limits(cell: CheckedBackend) -> str:
 
 
 def require_limits(cell: CheckedBackend, what: str, positions: list[Array]) -> list[float]:
-    """Return the largest velocity, acceleration and jerk of the positions, as shares of the limits.
+    """Return the highest velocity, acceleration and jerk in a series of positions, each as a share of its
+    limit.
 
     Raises:
         ContractError: a limit is exceeded.

@@ -216,7 +216,7 @@ class MotionService:
             await self._interrupt_on_contact(claim, trajectory)
 
     async def require_free_since(self, since_s: float, trajectory: Trajectory) -> None:
-        """Check a motion again if the scene has changed since this time, on the link's clock.
+        """Check a motion again if the scene has changed since `since_s`, a time on the link's clock.
 
         Raises:
             CollisionError: the motion now collides with an object.
@@ -225,8 +225,8 @@ class MotionService:
             await self._require_free(trajectory)
 
     async def _interrupt_on_contact(self, claim: Claim, trajectory: Trajectory) -> None:
-        """Interrupt a motion that collides in a scene that has changed while the motion was being sent to
-        rtloop.
+        """Interrupt a motion if it collides in the current scene, which has changed while the motion was
+        being sent to rtloop.
         """
         try:
             await self._require_free(trajectory)

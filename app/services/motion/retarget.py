@@ -134,8 +134,8 @@ class RetargetService:
     def seek_way(
         self, under_way: Trajectory, within_s: float, free_s: float, scene: Scene
     ) -> WayAround | None:
-        """Begin to search for a different path of the running motion to its goal, in case an object of the
-        next scene is in the current path.
+        """Begin to search for a different path to the goal of the running motion, in case an object of the
+        next scene blocks the current path.
 
         Only a motion whose path can be chosen freely is redirected: a single motion without constraints,
         actions or conditions, by a planner that moves the joints.

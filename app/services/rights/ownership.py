@@ -297,8 +297,8 @@ class Ownership:
             logs.bind(motion=None)
 
     def stops_before(self, begun_s: float | None) -> int:
-        """Return the value of `stops` when a request began to arrive; None means now. A stop after that time
-        also ends the request's motion.
+        """Return the value that `stops` had when a request began to arrive at `begun_s`; None means now. A
+        stop after that time also ends the request's motion.
         """
         return self.stops - (begun_s is not None and begun_s <= self._stopped_s)
 

@@ -75,7 +75,7 @@ class SpeedOverride:
     def delays_s(self) -> tuple[float, float, float]:
         """Return three times, s. The first is the duration of all pauses, including the current one. The
         second is the time that motions have lost outside pauses because the fraction or the time factor was
-        below 1. The third is the part of it that they would have lost at a fraction of 1.
+        below 1. The third is the time that they would have lost if only the time factor had been below 1.
         """
         lasts_s = self._link.clock.now_s() - self._since_s
         if self.paused:

@@ -74,7 +74,7 @@ class Heartbeat:
         self._beaten_s = self._clock.now_s()
 
     def _note_pause(self) -> None:
-        """Record whether this process has just resumed after a pause."""
+        """Turn the operator's key switch. This ends RSI."""
         now_s = self._clock.now_s()
         if self._beaten_s is not None and now_s - self._beaten_s > PAUSE_S:
             self._paused_s, self._resumed_s = now_s - self._beaten_s, now_s

@@ -53,7 +53,7 @@ def read_sequences(cursor: Cursor) -> tuple[int, list[int]]:
     """
     base = cursor.sequence()
     if base < 0:
-        raise MalformedError(f"a set of sequence numbers from {base}")
+        raise MalformedError(f"a set of sequence numbers from {base} is invalid")
     return base, _members(cursor, base)
 
 

@@ -80,7 +80,9 @@ def duration(seconds: float) -> bytes:
 
 
 def related_identity(identity: SampleIdentity) -> bytes:
-    """Inline QoS, without its end marker, that names the related sample under both parameter ids in use."""
+    """Inline QoS that identifies the related sample, under each of the two parameter ids in use. The end
+    marker is not included.
+    """
     value = _IDENTITY.pack(identity.writer, identity.sequence >> 32, identity.sequence & 0xFFFFFFFF)
     return parameter(Pid.RELATED_SAMPLE_IDENTITY_EPROSIMA, value) + parameter(
         Pid.RELATED_SAMPLE_IDENTITY, value
@@ -132,7 +134,9 @@ class ParameterReader:
 
     def __init__(self, payload: bytes) -> None:
         if len(payload) < len(ENCAPSULATION) or payload[0] != 0 or payload[1] not in (2, 3):
-            raise MalformedError(f"an announcement begins with {payload[:4].hex()}")
+            raise MalformedError(
+                f"an announcement begins with {payload[:4].hex()}, which is not a parameter list"
+            )
         self._little = payload[1] == 3
         self._values = read_parameters(
             Cursor(memoryview(payload), len(ENCAPSULATION), len(payload), self._little)

@@ -43,7 +43,7 @@ MASSLESS_KG = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Stated:
-    """The remaining data of an `<inertial>` that MuJoCo cannot use.
+    """The usable data of an `<inertial>` element that MuJoCo rejects.
 
     Attributes:
         mass: mass, kg; None if the mass is missing too.

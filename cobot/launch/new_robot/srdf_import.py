@@ -114,7 +114,7 @@ class Semantics:
     said: list[str] = field(default_factory=list)
 
     def states_of(self, names: tuple[str, ...], of_model: dict[str, float] | None) -> dict[str, Array]:
-        """Positions of these joints in each state that gives all of them, and in the state `home` of the
+        """Positions of these joints in each state that defines all of them, and in the state `home` of the
         model's file.
         """
         found: dict[str, Array] = {}

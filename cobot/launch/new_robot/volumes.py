@@ -61,7 +61,9 @@ class Solid:
 
 
 def solid(mj: mujoco.MjModel, body: int, chosen: Array) -> Solid | None:
-    """The shapes of a body among the chosen geoms (a mask); None for a body without such shapes."""
+    """The solid that consists of a body's shapes. Only the shapes that the mask `chosen` selects are used;
+    None if there are none.
+    """
     shapes = [_Shape(mj, int(geom)) for geom in np.flatnonzero((mj.geom_bodyid == body) & chosen)]
     return Solid(shapes) if shapes else None
 

@@ -220,8 +220,8 @@ def moved_together(spec: mujoco.MjSpec, chain: list[MovingJoint]) -> list[str]:
 def moved_by_loop(
     spec: mujoco.MjSpec, chain: list[MovingJoint], driven: Container[str]
 ) -> MovingJoint | None:
-    """A joint of the chain that has no drive, if a closed loop in the file connects the chain to other
-    links.
+    """The first joint of the chain that has no drive, if a closed loop in the file connects the chain to
+    other links; otherwise None.
     """
     bodies = {body.name for node in chain for body in rigid_with(node.joint.parent)}
     if not bodies & set(_tied(spec)):

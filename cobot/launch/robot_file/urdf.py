@@ -38,8 +38,8 @@ DIRECTORIES = ("meshdir", "texturedir", "assetdir", "autolimits")
 
 
 def read_joints(file: Path, root: Element, still: Container[str]) -> mujoco.MjSpec:
-    """The specification, without shapes and masses, of a URDF that `check_urdf` accepts. Unused elements are
-    removed from `root`. This is quick, so invalid joints are reported before the meshes are read.
+    """The specification of a URDF that `check_urdf` accepts, but without shapes and masses. Unused elements
+    are removed from `root`. This is quick, so invalid joints are reported before the meshes are read.
 
     Args:
         still: the joints that are kept fixed.

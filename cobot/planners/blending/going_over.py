@@ -77,7 +77,7 @@ class LimitedPath:
         paths: Sequence[JointCurve],
         corners: Sequence[Corner],
     ) -> LimitedPath:
-        """The path of these motions, including the blends between them, and its limits."""
+        """The path of the given motions and its limits. The path includes the blends between the motions."""
         path, zones, _ = path_of(robot, legs, paths, corners)
         limits, of_tcp = largest(robot, legs)
         return cls(path, Coordinates(robot.model, path, limits, of_tcp, zones=zones), limits)

@@ -94,8 +94,8 @@ def _other_end_error(
 
 
 def share_along(robot: RobotDescription, start: Array, path: TcpPath) -> float:
-    """How far along a path, as a share, the joints can continue from `start` through evenly spaced points
-    without a collision at any of them. This is a quick estimate, not a proof.
+    """A quick estimate of the share of the path that the joints can follow from `start` without a collision.
+    Only evenly spaced points are checked, so the result is no proof.
     """
     free = robot.collision.clearance.are_free(_carried(robot, start, path))
     return float(np.logical_and.accumulate(free).sum()) / path.places
@@ -202,8 +202,8 @@ def _failure(
     at_limit: list[int],
     solved: bool,
 ) -> UnreachableError:
-    """The error for a path that ends at the first of `shares`. `joints` belong to the second share if it was
-    not solved.
+    """The error for a path along which the arm can only move up to the first of `shares`. If `solved` is
+    false, `joints` is the closest that the arm gets to the pose at the second share.
     """
     share, next_share = shares
     place = f"{path.name}: at {100 * share:.0f} % of the path"

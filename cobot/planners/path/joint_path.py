@@ -210,7 +210,7 @@ def _halve(
 
 
 def _lengths(shares: Array, rows: Array) -> Array:
-    """The parameter of each point, which is its arc length along a curve through all points.
+    """The parameter of each point: the arc length from the first point, along a curve through all points.
 
     The curve is first parameterized by chord lengths, and then refined twice. Each length is the length in
     joint space plus a small share of the length along the TCP path.
@@ -245,8 +245,8 @@ def _find_spoiled(
     shares: Array,
     bounds: tuple[Array, Array],
 ) -> tuple[Array, float]:
-    """Find the intervals in which the joint path leaves its bounds or the TCP leaves the TCP path, and the
-    largest deviation in the first interval, as a share of the allowed one.
+    """Find the intervals in which the joint path leaves its bounds or the TCP leaves the TCP path. Also
+    returns the largest deviation in the first of these intervals, as a share of the allowed deviation.
     """
     steps = np.diff(parameters)
     inner = np.concatenate(

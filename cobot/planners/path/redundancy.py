@@ -189,7 +189,7 @@ class RedundancyGraph:
         return False
 
     def _lead_to(self, end: Array) -> None:
-        """Move the node nearest to `end` to `end`, and remove all other nodes at the end of the path."""
+        """Replace the node nearest to `end` with `end`, and remove all other nodes at the end of the path."""
         assert self._end is not None
         angle, branch = self._end
         step = self._angles[1] - self._angles[0]

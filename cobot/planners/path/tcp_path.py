@@ -110,5 +110,7 @@ def _tilt(start: Array, goal: Array, axis: FreeAxis) -> tuple[Array, float]:
 
 
 def _axis(turn: Array, index: int) -> Array:
-    """One axis, in the base frame, of the frame that a quaternion describes. Shape: (3,)."""
+    """The axis `index` of a rotated frame, given the frame's quaternion. The result is in the base frame,
+    shape (3,).
+    """
     return np.array(quaternion.rotated(turn.tolist(), UNIT_AXES[index]))

@@ -111,7 +111,8 @@ def _try(robot: RobotDescription, request: MotionRequest, state: Improving) -> I
 def _accept(
     robot: RobotDescription, request: MotionRequest, state: Improving, motion: Trajectory | None
 ) -> Improving:
-    """The state with this motion, if it is faster than the best one and passes all checks.
+    """The state after trying this motion. If the motion is faster than the best one and passes all checks, it
+    is the new best one.
 
     Raises:
         CobotError: the motion fails a check.

@@ -94,8 +94,8 @@ def cubics(points: Array) -> Array:
 
 
 def times_of(rate: Array) -> tuple[Array, Array, Array]:
-    """The time (s), the squared rate, and the slope of the squared rate at each knot. Each has shape (cells +
-    1,).
+    """Three values for each knot: the time (s), the squared rate, and the slope of the squared rate. Each
+    array has shape (cells + 1,).
     """
     squares = AT_NODES.T @ np.array([rate[:-2], rate[1:-1], rate[2:]])
     times = np.zeros(len(rate) - 1)
@@ -106,8 +106,8 @@ def times_of(rate: Array) -> tuple[Array, Array, Array]:
 def motion(
     times: Array, positions: Array, first: Array, second: Array, squares: Array, slopes: Array
 ) -> Trajectory:
-    """Quintics that pass through the positions at the knots and have the given first and second derivatives
-    with respect to τ. Each array of these has shape (n, dof).
+    """Quintics through the given positions at the knots. Their first and second derivatives with respect to τ
+    have the given values. Each of the three arrays has shape (n, dof).
     """
     return from_hermite(times, *states(positions, first, second, squares, slopes))
 

@@ -47,7 +47,7 @@ class Zones:
     shares: Array
 
     def at(self, places: Array) -> Array:
-        """The shares at these points, shape (3, len(places), dof + 2)."""
+        """The shares at the given places on the path, shape (3, len(places), dof + 2)."""
         return np.asarray(self.shares[:, np.searchsorted(self.ends[:-1], places)])
 
 

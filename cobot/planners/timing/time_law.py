@@ -127,7 +127,7 @@ def with_room(robot: RobotDescription, limits: JointLimits) -> JointLimits:
 
 
 def _reference(coordinates: Coordinates) -> tuple[Array, Array, Array, Array]:
-    """The first arguments of `reference_motion`, whose speed keeps the velocity and acceleration limits."""
+    """The first arguments of `reference_motion`. The last one is a speed that stays within the limits."""
     length, pieces = coordinates.path.length, len(coordinates.path.coefficients)
     shortest = float(np.diff(coordinates.zones.ends, prepend=0.0).min())
     of_zones = min(ZONE_PLACES * length / max(shortest, 1e-12), MAX_ZONE_PLACES)

@@ -204,7 +204,7 @@ def _slow_evenly(motion: Trajectory, limits: JointLimits) -> Trajectory:
 
 
 def _with_even_note(motion: Trajectory, slower: Trajectory, why: str = "") -> Trajectory:
-    """The motion that was slowed down evenly, with a note that reports it."""
+    """The motion that was slowed down evenly, with a note about the slowdown."""
     asked_s = motion.duration_s / motion.changes.stretch
     changes = replace(motion.changes, stretch=slower.duration_s / asked_s, slowed_s=(0.0, asked_s))
     note = f"the whole motion was slowed down from {motion.duration_s:.3f} s to {slower.duration_s:.3f} s"
@@ -212,8 +212,8 @@ def _with_even_note(motion: Trajectory, slower: Trajectory, why: str = "") -> Tr
 
 
 def _slow_interval(found: Fitted, duration_s: float) -> tuple[float, float] | None:
-    """The interval in which the motion falls behind the times of the points, without a small part at each
-    end. None if the motion is not late.
+    """The interval in which the motion becomes late, compared with the requested times of the points. A small
+    part at each end is cut off. None if the motion is not late.
     """
     late_s = found.motion.duration_s - duration_s
     if late_s <= (AS_ASKED - 1.0) * duration_s:

@@ -32,8 +32,8 @@ maximum of one scene, so the voxels of the current scene stay. Guarded by `_LOCK
 
 @dataclass(slots=True)
 class _Voxels:
-    """Voxels, and the boxes to which they can be joined exactly. The boxes are None if there are too many for
-    a scene.
+    """Voxels, and the boxes that fill exactly the same volume. The boxes are None if there are too many for a
+    scene.
     """
 
     tree: CloudTree

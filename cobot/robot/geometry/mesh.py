@@ -135,9 +135,7 @@ def _is_convex(vertices: Array, triangles: Indices) -> bool:
 
 
 def _fitting(corners: Array, tolerance_m: float, room: int) -> Array:
-    """The boxes that cover the triangles with these `corners`, shape (n, 3, 3). There are at most `room`
-    boxes.
-    """
+    """At most `room` boxes that cover the triangles with these `corners`, shape (n, 3, 3)."""
     boxes, cells = _boxes(corners, tolerance_m)
     if boxes is not None and len(boxes) <= room:
         return boxes

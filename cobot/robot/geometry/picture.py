@@ -66,7 +66,7 @@ class Facets:
     colors: Array
 
     def placed(self, pose: Pose, color: Sequence[float] | None = None) -> Facets:
-        """The same triangles at a pose, in one colour if it is given."""
+        """A copy of the triangles at a pose. If a colour is given, all of them get it."""
         colors = self.colors if color is None else np.broadcast_to(np.asarray(color[:3]), self.colors.shape)
         return Facets(pose.apply(self.corners), colors)
 

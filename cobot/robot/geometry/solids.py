@@ -67,8 +67,8 @@ def cloud(points: Array, voxel_m: float) -> Array:
 
 
 def coarser(fits: Callable[[float], bool], edge_m: float) -> str:
-    """A sentence that states the smallest suitable edge length. The search doubles the length until it fits,
-    then bisects.
+    """A sentence that states the smallest suitable edge length. The length is doubled until the solids fit,
+    then refined by bisection.
     """
     low_m = high_m = edge_m
     while not fits(high_m := _rounded_up(2.0 * high_m)):

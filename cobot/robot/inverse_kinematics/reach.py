@@ -66,8 +66,8 @@ def row_of(pose: Pose) -> Array:
 
 
 def reach_gap(model: RobotModel, pose: Pose, free: tuple[FreeAxis, ...] = ()) -> float:
-    """A lower bound of the distance of a pose from the arm's reach in this orientation, m. It is 0 if the
-    pose is within reach, or if only joint limits that do not bound the reach prevent the pose.
+    """A lower bound of how far a pose is outside the arm's reach in this orientation, m. It is 0 if the pose
+    is within reach. Joint limits that do not bound the reach are ignored.
     """
     return model.kinematics(free).gap(row_of(pose))
 
@@ -115,9 +115,9 @@ def _remaining(end: Descent) -> float:
 def freed(
     model: RobotModel, pose: Pose, seed: Array, free: tuple[FreeAxis, ...] = ()
 ) -> tuple[FreeAxis, ...] | None:
-    """The rotations of the TCP that must be free so that the arm reaches a pose. If one rotation is enough,
-    it is only one, preferably about z, along which tools point. None if the arm can move its TCP in every
-    direction, or if no free rotation helps.
+    """The rotations of the TCP that must be free so that the arm reaches a pose. If freeing one rotation is
+    enough, only one is returned, preferably the one about z, the usual axis of tools. None if the arm can
+    move its TCP in every direction, or if no free rotation helps.
     """
     if not model.inverse_kinematics.lacking:
         return None
@@ -125,8 +125,8 @@ def freed(
 
 
 def freer(free: tuple[FreeAxis, ...]) -> Iterator[tuple[FreeAxis, ...]]:
-    """Larger sets of free rotations. If `free` is empty, each single rotation comes first, starting with z;
-    all three together come last.
+    """Supersets of the free rotations to try. If `free` is empty, each single rotation comes first, starting
+    with z. All three together come last.
     """
     if not free:
         yield from ((axis,) for axis in reversed(FREE_AXES))

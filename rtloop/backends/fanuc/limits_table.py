@@ -65,8 +65,8 @@ class LimitsTable:
         return mixed
 
     def check(self, limits: JointLimits, units: JointUnits, load: float | None) -> Accepted | Rejected:
-        """Check whether the model's limits are within the controller's. If axis 3 is measured from the
-        horizon, its speed can be the sum of the speeds of joints 2 and 3.
+        """Check that the model's limits are within the controller's. If axis 3 is measured from the horizon,
+        its speed can be the sum of the speeds of joints 2 and 3.
 
         load: see `least`.
         """

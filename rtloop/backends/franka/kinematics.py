@@ -35,8 +35,8 @@ def flange(joints: Sequence[float]) -> Array:
 
 
 def told_flange(state: Any) -> Pose:
-    """Return the flange pose in the base frame from a libfranka state. Shape: (4, 4). The end effector that
-    is set in Desk is removed from the pose.
+    """Return the flange pose in the base frame from a libfranka state. The end effector that is set in Desk
+    is removed from the pose.
     """
     effector, in_flange = (np.array(each).reshape(4, 4, order="F") for each in (state.O_T_EE, state.F_T_EE))
     found = effector @ np.linalg.inv(in_flange)

@@ -133,8 +133,8 @@ class RsiBackend:
         self._reduced.set_tool(tool)
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for the controller's next packet. Return at once if a cycle is still due for a packet that was
-        lost or has accumulated.
+        """Wait for the controller's next packet. Return at once if a cycle is still due, because packets were
+        lost or have accumulated.
         """
         deadline_s = self._clock() + timeout_s
         while not self._beat.due:
@@ -401,8 +401,8 @@ class RsiBackend:
             )
 
     def _find_loss(self, state: RobState, unanswered: int) -> bool:
-        """Whether the controller has missed an answer: its count of late answers has then increased by more
-        than the number of unanswered packets.
+        """Whether the controller has missed another answer. Its count of late answers has then increased by
+        more than the number of unanswered packets.
 
         Args:
             unanswered: number of packets without an answer since the previously received one.

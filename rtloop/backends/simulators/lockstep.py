@@ -72,7 +72,7 @@ class LockStep(Generic[AnyController]):
 
 
 class LossyNetwork(Protocol):
-    """A network with the attributes of `Network` that control the loss of packets."""
+    """Interface of a network that can lose packets. The attributes are those of `Network`."""
 
     loss: float
     reorder: float

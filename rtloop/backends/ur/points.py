@@ -89,7 +89,7 @@ class _Wanted:
 
 
 class UrOutputs:
-    """The outputs to set. Each is enforced until the controller reports its value, and then released.
+    """The outputs that must be set. Each value is enforced until the controller reports it.
 
     Attributes:
         problem: sentence about an output that was not set or was set late; "" if all outputs were set in

@@ -152,7 +152,7 @@ def encode_inputs_setup(names: Sequence[str]) -> bytes:
 
 
 def decode_setup(payload: bytes) -> tuple[int, list[str]]:
-    """Return the number of the recipe, and for each variable its type or an entry of `ANSWERED`.
+    """Return the recipe's number, and one entry for each variable: its type, or an entry of `ANSWERED`.
 
     Raises:
         RtdeError: the answer is empty.

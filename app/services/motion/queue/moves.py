@@ -123,7 +123,7 @@ class QueuedMove:
 
     @property
     def _rests(self) -> bool:
-        """Whether the arm is already at the goal, but the move has actions or conditions."""
+        """Whether the move has actions or conditions although the arm is already at the goal."""
         return bool(self.signals and self.legs) and self.duration_s <= REST_S
 
     @property

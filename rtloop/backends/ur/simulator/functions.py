@@ -39,7 +39,7 @@ class _Socket:
 
 
 class ProgramContext:
-    """The commands that a program's functions give.
+    """The commands that the functions of a program give to the controller.
 
     Attributes:
         goal: joint position for this control period, shape (dof,), rad; None without a goal.

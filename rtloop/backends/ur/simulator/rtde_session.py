@@ -85,7 +85,7 @@ class RtdeSession:
         elif kind == Kind.DATA:
             recipe = self._inputs.get(payload[0] if payload else 0)
             if recipe is None:
-                raise RtdeError(f"no input recipe {payload[0] if payload else 0}")
+                raise RtdeError(f"there is no input recipe {payload[0] if payload else 0}")
             self._controller.set_inputs(recipe.decode(payload))
         else:
             self.out += encode_text(f"unknown package type {kind}", "RTDE", ERROR)
