@@ -86,7 +86,7 @@ def listed(names: Sequence[str], most: int = 10) -> str:
 
 
 def fixed(value: float, decimals: int) -> str:
-    """A number with this number of decimals, or with an exponent if it is large."""
+    """Format a number with the given number of decimals, or with an exponent if the number is large."""
     return f"{value:z.{decimals}f}" if abs(value) < WIDE else f"{value:.6g}"
 
 

@@ -148,8 +148,8 @@ class JointLimits:
             mine.flags.writeable = False
 
     def including(self, position: Array) -> JointLimits:
-        """The limits, widened to include this position, so that an arm pushed beyond its limits can move
-        back.
+        """Return limits that are wide enough to include the given position, so that an arm pushed beyond its
+        limits can move back.
         """
         if ((self.min_position <= position) & (position <= self.max_position)).all():
             return self

@@ -64,7 +64,7 @@ class TrajectoryProgress:
 def on_path(
     trajectory: Trajectory, time_s: float, rate: float, state: RobotState, stamp_ns: int
 ) -> TrajectoryProgress:
-    """Return the progress at a time along the trajectory. `rate` is the speed at which this time advances, in
+    """Return the progress at a given time on the trajectory's clock. `rate` is the speed of that clock, in
     seconds per second.
     """
     desired = [trajectory.sample([time_s], order)[0] * rate**order for order in range(3)]

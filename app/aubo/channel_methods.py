@@ -177,7 +177,8 @@ def register(
     channel: Callable[[Services, str], Channel],
     functions: tuple[Callable[..., Any], ...],
 ) -> None:
-    """Register these functions as services of a class, each with an additional last field: the open device.
+    """Register the given functions as services of a class. Each function gets the open device as an
+    additional last argument.
 
     Args:
         prefix: prefix of the methods' names and of that field's name, such as "socket".

@@ -46,7 +46,7 @@ class Publisher:
 
     @property
     def subscribers(self) -> int:
-        """Number of subscriptions that accept messages of this type."""
+        """Number of subscriptions that accept messages of the given type."""
         return sum(each.takes(self.type) for each in self._topic.subscriptions)
 
     def publish(self, message: Message | bytes) -> None:

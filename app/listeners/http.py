@@ -269,7 +269,8 @@ class HttpProtocol(HttpToolsProtocol):
             raise _Refused
 
     def _take_host(self) -> None:
-        """Use the host in an absolute target, which clients send to proxies. It overrides `Host`.
+        """Use the host of an absolute request target, the form that clients send to proxies. This host
+        overrides `Host`.
 
         RFC 9112, 3.2.2. A missing or duplicate `Host` is not repaired, and is rejected later.
         """

@@ -145,8 +145,8 @@ class Authenticator:
         return self._file
 
     def last_used_ns(self, sha256_hex: str) -> int | None:
-        """Unix time of the last use of the token with this hash, ns; None if it has not been used since the
-        service started.
+        """Unix time of the last use of the token with the given hash, ns; None if the token has not been used
+        since the service started.
         """
         return self._used_ns.get(bytes.fromhex(sha256_hex))
 
@@ -164,7 +164,7 @@ class Authenticator:
         changed.set()
 
     async def await_change(self) -> None:
-        """Wait until the file may have changed, for at most `LOOK_AGAIN_S`."""
+        """Wait until the file has possibly changed, for at most `LOOK_AGAIN_S`."""
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(self._changed.wait(), LOOK_AGAIN_S)
 

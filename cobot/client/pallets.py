@@ -89,7 +89,9 @@ def _vector(values: Mapping[str, Any]) -> Vector:
 
 
 def _shown(count: object) -> str:
-    """A count for a message. Very large integers are shortened, because Python may reject writing them."""
+    """A count as text for a message. Very large integers are shortened, because Python may reject converting
+    them.
+    """
     return "too large" if isinstance(count, int) and abs(count) > 10**12 else repr(count)[:40]
 
 

@@ -42,7 +42,7 @@ def parse(kind: type[Model], path: Path, content: dict[str, Any], place: str = "
 
 @contextmanager
 def naming(setting: str) -> Iterator[None]:
-    """Prefix the errors in this context with the name of the setting that people can change."""
+    """Context manager that prefixes errors with the name of the setting that people can change."""
     try:
         yield
     except ConfigError as exc:

@@ -303,7 +303,7 @@ def _read_key(path: Path) -> ec.EllipticCurvePrivateKey:
 
 @contextlib.contextmanager
 def _naming(path: Path) -> Iterator[None]:
-    """Context manager that turns an error about this file into a ConfigError.
+    """Context manager that converts errors about the certificate file to a ConfigError.
 
     Raises:
         ConfigError: the file cannot be read, or is invalid.

@@ -48,7 +48,7 @@ class PointRig:
         self.values[name] = value
 
     def place(self, width_m: float | None) -> None:
-        """See `GripperRig`. The same applies to `inject` and `clear`."""
+        """See `GripperRig`, also for `inject` and `clear`."""
         self.object_m = width_m
 
     def inject(self, fault: str) -> None:

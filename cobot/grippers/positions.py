@@ -90,7 +90,7 @@ class TwoPositions:
         return self._clock.now_s() - self._begun_s
 
     def _require_points(self, *names: str | None) -> None:
-        """Connect to the device that provides these inputs and outputs, and check that they exist."""
+        """Connect to the device that provides the given inputs and outputs, and check that they exist."""
         if isinstance(self._port, ModbusPoints):
             self._port.open()
         for name in names:

@@ -120,8 +120,8 @@ class RunningConfig:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def publish(self, processes: Mapping[str, ProcessState]) -> None:
-        """Write the processes that are running, by name. If /dev/shm is full, this does nothing, because a
-        full disk must not stop the processes.
+        """Write the names and states of the running processes. If /dev/shm is full, nothing is written,
+        because a full disk must not stop the processes.
         """
         with contextlib.suppress(OSError):
             new = self.folder / f"new-{PROCESSES}"

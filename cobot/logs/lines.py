@@ -99,7 +99,9 @@ class Line:
 
     @classmethod
     def parsed(cls, text: bytes, process: str) -> Line:
-        """The line for a piece of a process's output, which may be a line of its log or any other text."""
+        """Convert a piece of a process's output to a line. The output may be a line of the process's log or
+        any other text.
+        """
         try:
             if text[:1] != RECORD_SEPARATOR:
                 raise ValueError("not a line of a log")

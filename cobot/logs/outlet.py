@@ -74,7 +74,8 @@ class Outlet(Generic[Item]):
         self._thread.start()
 
     def put(self, item: Item, kind: Hashable = None) -> None:
-        """Queue an item for writing. It is suppressed if there are too many of its kind, or counted as lost.
+        """Queue an item for writing. An item is suppressed if there are too many of its kind. If the queue is
+        full, the item is dropped and counted as lost.
 
         Args:
             kind: key that equal items share; None for an item that is never suppressed.

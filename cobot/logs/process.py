@@ -77,7 +77,7 @@ class ProcessLog(logging.Handler):
 
 
 class _Printed(io.TextIOBase):
-    """Converts printed text to log lines, so that no print waits for the process's own streams."""
+    """Converts printed text to log lines, so that printing never waits for the process's own streams."""
 
     def __init__(self, name: str, level: int, descriptor: int) -> None:
         self._log = logging.getLogger(name)

@@ -53,7 +53,7 @@ class AskedCurve:
     given: list[tuple[Array, Array]]
 
     def at(self, times_s: Array) -> Array:
-        """The positions at these times, shape (n, dof)."""
+        """The positions at the given times, shape (n, dof)."""
         return self._row(self.positions, times_s)
 
     def centre(self, times_s: Array) -> Array:

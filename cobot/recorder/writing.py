@@ -83,7 +83,7 @@ class Writing:
         return self.next <= min(self.last, history.newest)
 
     def has_grown(self) -> bool:
-        """Whether the file has grown by `GROWTH_BYTES` since this last returned True."""
+        """Whether the file has grown by `GROWTH_BYTES` since the last call that returned True."""
         grown = self.file.size >= self._seen_bytes + GROWTH_BYTES
         if grown:
             self._seen_bytes = self.file.size

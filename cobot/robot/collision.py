@@ -173,8 +173,8 @@ class CollisionChecker:
         return self.name(first), self.name(second)
 
     def are_own(self) -> list[bool]:
-        """For each pair, whether both bodies are parts of the robot, which means that their root body is the
-        same.
+        """For each pair, whether both bodies belong to the robot. Bodies of the robot have the same root
+        body.
         """
         root_of = self._mj.body_rootid[self._mj.geom_bodyid].tolist()
         stands = {name for name, each in self.scene.objects.items() if not each.attached}

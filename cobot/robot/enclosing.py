@@ -33,7 +33,7 @@ _TREES, _NODES = KeptArrays(32_000_000), KeptArrays(32_000_000)
 
 @dataclass(frozen=True, slots=True)
 class _Shape:
-    """A shape that spheres enclose.
+    """A shape that is enclosed by spheres.
 
     Attributes:
         key: the same for equal shapes. A mesh is represented by its digest.

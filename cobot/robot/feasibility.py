@@ -139,7 +139,8 @@ def _bounds(
 
 
 def effort_samples(model: RobotModel, trajectory: Trajectory) -> tuple[Array, Array]:
-    """Times (s), and the drives' efforts without friction at these times (N·m). Shapes: (n,) and (n, dof).
+    """The drives' efforts without friction, N·m, sampled over the motion, and the times of the samples, s.
+    The times come first. Shapes: (n,) and (n, dof).
 
     The model keeps the samples of the last trajectory, because a planner and the check after it need the same
     samples. In between, only the note of the trajectory may change; its arrays are read-only.

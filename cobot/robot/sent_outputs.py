@@ -45,7 +45,7 @@ class SentOutputs:
         return sent
 
     def is_newest(self, name: str, sent: SentOutput) -> bool:
-        """Whether no newer value was sent to this output."""
+        """Whether no newer value was sent to the output."""
         return self._sent.get(name) is sent
 
     def drop(self, name: str, sent: SentOutput) -> None:

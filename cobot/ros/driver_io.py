@@ -92,7 +92,7 @@ class DriverIo:
         return found is not None and found[1] in found[0].outputs
 
     def valid(self) -> str:
-        """The valid interfaces, for messages."""
+        """The valid interfaces as text, for messages."""
         every = ", ".join(_span(name, kind.numbers) for name, kind in self.kinds.items())
         settable = ", ".join(_span(name, kind.outputs) for name, kind in self.kinds.items() if kind.outputs)
         return f"{every}; for outputs {settable} only"

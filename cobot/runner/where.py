@@ -48,7 +48,9 @@ class Where:
         return replace(self, numbers=(*self.numbers, name))
 
     def in_round(self, name: str, number: int, of: int | None) -> Where:
-        """The place of one round of this step. Without `of`, the number of rounds is unknown."""
+        """The place in round `number` of this step. If `of` is None, the total number of rounds is
+        unknown.
+        """
         note = f"{name} {number}" if of is None else f"{name} {number} of {of}"
         width = 0.0 if of is None else self.width / of
         begin = self.begin + (number - 1) * width

@@ -61,7 +61,7 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class Filled:
-    """The results of consecutive tasks as the bytes of a chunk, and the time that these tasks took, s."""
+    """The results of consecutive tasks, as the bytes of a chunk, and the total time of these tasks, s."""
 
     content: bytes
     busy_s: float

@@ -55,7 +55,7 @@ class Advance:
 
 @dataclass(frozen=True, slots=True)
 class StudyResult:
-    """The results so far.
+    """The results that exist so far.
 
     Attributes:
         answer: the results by readable names. They are partial if not all tasks are done.

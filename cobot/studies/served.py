@@ -55,7 +55,7 @@ ID_LENGTH = 12
 
 
 class ServedRequest(StrictModel):
-    """The service's request.
+    """A request from the service to compute a study.
 
     Attributes:
         parent: process number of the service.
@@ -303,7 +303,7 @@ class _Watch:
 
 
 def write_map(study: Study, file: Path, columns: Columns) -> None:
-    """Write the map of the results so far."""
+    """Write a map of the results that exist so far."""
     found = map_columns(study, columns, MAX_POINTS)
     if found is None:
         return

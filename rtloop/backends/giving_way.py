@@ -50,7 +50,7 @@ class GivingWay:
         self._springs.use(impedance)
 
     def use(self, impedance: Impedance) -> None:
-        """Use this impedance from the next cycle on."""
+        """Set the impedance that applies from the next cycle on."""
         self._springs.use(impedance)
 
     def torques(self, command: Array, position: Array, velocity: Array) -> Array:

@@ -216,8 +216,8 @@ class ImpedanceControlled(Protocol):
     nominal_cartesian_stiffness: Array
 
     def set_impedance(self, impedance: Impedance | None) -> None:
-        """Use this impedance from the next cycle on; None for position control. The arm is at rest. Must be
-        real-time safe, or delay the cycle by a few periods at most.
+        """Set the impedance that applies from the next cycle on; None selects position control. The arm is at
+        rest. Must be real-time safe, or delay the cycle by a few periods at most.
 
         Raises:
             BackendError: the robot rejects the impedance. At the beginning of a session, the session is then

@@ -33,7 +33,8 @@ class RefusedError(Exception):
 def load(
     path: Path, slot: Slot, motion_id: int, start: Array | None, tolerance_rad: float, limits: JointLimits
 ) -> Iterator[None]:
-    """Copy a slot into a path and verify it, one piece per step of the generator. Real-time safe.
+    """Copy a trajectory from its slot to a path, and verify the copy. Each step of the generator handles one
+    piece. Real-time safe.
 
     To save cycles, the first segments are copied in the same step as the last breakpoints, and the last
     checks are made in the same step as the last segments. This matters for a replacement, because the arm is

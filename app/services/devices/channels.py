@@ -142,7 +142,7 @@ class Channels:
         )  # programs that have ended, but whose last request may still be in progress
 
     def get(self, name: str) -> Channel:
-        """Return the channel with this name.
+        """Return the channel with the given name.
 
         Raises:
             NotFoundError: there is no such channel. The error lists the open ones.

@@ -55,7 +55,7 @@ class Equipment:
         self.traces = Traces()
 
     def close_left_open(self, token: str) -> None:
-        """Close the connections that the program with this token has left open."""
+        """Close the connections that a program has left open. The program is identified by its token."""
         self.sockets.close_left_open(token)
         self.serial_ports.close_left_open(token)
 

@@ -122,7 +122,9 @@ def shortfall(
 
 
 def has_arrived(width: float, state: GripperState, able: GripperCapabilities) -> bool:
-    """Whether the fingers are at this width. Also true if the gripper does not report its width."""
+    """Whether the fingers have reached the given width. Also true if the gripper does not report its
+    width.
+    """
     if state.width is None or able.width_m is None:
         return True
     least, most = able.width_m

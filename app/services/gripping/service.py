@@ -209,7 +209,7 @@ class GripperService:
         return self.report()
 
     def cancel(self, job: Job, cause: MotionStopped) -> bool:
-        """End the command of this job. Return whether the job is a gripper command."""
+        """End the command of the given job. Return whether the job is a gripper command."""
         if self._running is None or self._running.job is not job:
             return False
         self._running.interrupt(cause)

@@ -315,7 +315,7 @@ class PlanningPool:
         return _Worker(process, writer), reader
 
     def _launch(self, descriptor: int) -> subprocess.Popen[bytes] | Forked:
-        """Start a worker process that inherits this end of its socket."""
+        """Start a worker process, which inherits the worker's end of the socket."""
         command = [*self._command, "--fd", str(descriptor)]
         while self._blanks:
             blank = self._blanks.pop()

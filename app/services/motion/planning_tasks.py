@@ -77,7 +77,9 @@ def plan_rated(robot: RobotDescription, move: RatedMove) -> Leg | None:
 
 
 def leg(robot: RobotDescription, request: LegRequest, envelope: Envelope) -> Leg | None:
-    """Plan a queued motion: see `plan_rated`, or `cobot.planners.plan` within these limits."""
+    """Plan a queued motion: a `RatedMove` with `plan_rated`, any other motion with `cobot.planners.plan`
+    within the limits of `envelope`.
+    """
     if isinstance(request, RatedMove):
         return plan_rated(robot, request)
     from cobot.planners import plan

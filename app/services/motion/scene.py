@@ -413,8 +413,9 @@ class SceneService:
     def _begin_way_around(
         self, way: WayAround, remaining: _Remaining, contact: FirstContact, in_force: asyncio.Event
     ) -> asyncio.Task[bool] | None:
-        """Begin to redirect the current motion around an object in its path, if there is enough time left to
-        stop in case this fails. The task returns whether the motion was redirected.
+        """Begin to redirect the current motion around an object in its path. Returns a task whose result is
+        whether the motion was redirected. Returns None if there would be too little time left to stop after a
+        failure.
         """
         # the arm has moved on in the meantime
         left_s = remaining.since_s + self._replan_within_s - self._link.clock.now_s()

@@ -93,7 +93,7 @@ def with_room(objects: dict[str, SceneObject]) -> dict[str, SceneObject]:
 
 
 def named(scene: Scene, name: str) -> SceneObject:
-    """Return the object with this name. Raises NotFoundError, which lists the existing objects."""
+    """Return the object with the given name. Raises NotFoundError, which lists the existing objects."""
     if name not in scene.objects:
         there = ", ".join(scene.objects) or "none"
         raise NotFoundError(f"there is no object {shown(name)}; valid names: {there}")

@@ -86,7 +86,7 @@ class SignalFollower:
 
     @property
     def until(self) -> str:
-        """The condition `until` in words."""
+        """The `until` condition as text; "" if there is none."""
         return "" if self._placed.until is None else self._placed.until.condition.words
 
     @property

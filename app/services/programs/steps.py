@@ -42,7 +42,7 @@ class RunnerInstructions:
         self.held = False
 
     def ask(self, behind: int, n_waypoints: int) -> bool:
-        """Handle the runner's question whether it may continue.
+        """Answer the runner, which asks whether it may continue.
 
         Args:
             behind: the last waypoint that was reached; 0 if none was reached.
@@ -67,7 +67,7 @@ class RunnerInstructions:
         self._answer(None)
 
     def answer_time(self, paused_s: float) -> None:
-        """Answer a runner that asks, within a step, how long it has been paused in total, s."""
+        """Answer a runner that asks, during a step, for the total duration of its pauses, s."""
         self._write({"paused_s": paused_s})
 
     def hold(self, waypoint: int) -> None:

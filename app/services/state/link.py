@@ -250,7 +250,7 @@ class RobotLink:
 
     @property
     def estops(self) -> int:
-        """Number of e-stops that were requested so far."""
+        """Number of e-stops that have been requested."""
         return int(self.memory.requests.data["estops"]) + self.memory.outside_estops.value
 
     def request_stop(self, *, fast: bool = False) -> None:

@@ -223,7 +223,7 @@ class FreedriveService:
         self._task = asyncio.create_task(self._run(session, guidance), name="freedrive")
 
     def renew(self, session: int, timeout_s: float) -> None:
-        """Renew freedrive for this time.
+        """Keep freedrive active for another `timeout_s`.
 
         Args:
             session: session number.

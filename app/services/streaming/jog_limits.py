@@ -199,8 +199,8 @@ def allowed_speed(room: Array, deceleration: Array) -> Array:
 
 
 def damped(jacobian: Array, twist: Array) -> Array:
-    """Return the smallest joint velocities that produce a twist, shape (dof,). Near a singularity, where
-    these would grow without bound, they are damped.
+    """Return the smallest joint velocities that produce a twist, shape (dof,). They are damped near a
+    singularity, where they would otherwise grow without bound.
 
     Args:
         jacobian: shape (6, dof).

@@ -151,8 +151,8 @@ class Linkage:
     def _common_geometry(
         self, span: tuple[float, float], sides: Sequence[str], bodies: Sequence[Sequence[int]]
     ) -> tuple[list[list[int]], tuple[float, float]] | str:
-        """The ends of both fingers, and the angles between which the fingers open; or the reason why they
-        cannot be determined.
+        """Determine the ends of both fingers, and the range of angles over which the fingers open. If this
+        fails, return the reason as text.
         """
         groups = self._cut_ends(sides, bodies)
         if not all(groups):

@@ -175,7 +175,7 @@ class FingerPair:
 def sliding_pair(
     fingers: Sequence[MovingJoint], rates: Mapping[str, tuple[float, float]]
 ) -> FingerPair | str:
-    """The two sliding fingers of a gripper; or the reason why they cannot be simulated."""
+    """Find the two sliding fingers of a gripper. If they cannot be simulated, return the reason as text."""
     if len(fingers) != 2 or any(each.joint.type != mujoco.mjtJoint.mjJNT_SLIDE for each in fingers):
         return "cobot simulates two fingers that slide"
     leader, other = fingers if not fingers[0].leader else (fingers[1], fingers[0])

@@ -186,9 +186,9 @@ def pairs_that_touch(
 def stream_margin(
     robot: RobotModel, collision: CollisionChecker, usual_m: float, guessed: list[str]
 ) -> float:
-    """The distance that streams and jogging keep, m. If some links of the arm are closer to each other than
-    the usual distance in every collision-free position, it is smaller. Otherwise a stream would stop in each
-    of these positions.
+    """The distance that streams and jogging keep, usually `usual_m`. If some links of the arm are closer to
+    each other in every collision-free position, a smaller distance is returned, because a stream would
+    otherwise stop everywhere.
     """
     samples = _samples(robot.limits)
     free = samples[[collision.is_free(joints) for joints in samples]]

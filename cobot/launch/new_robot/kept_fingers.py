@@ -18,7 +18,7 @@ Fingers = FingerPair | TurningFingers
 def kept_fingers(
     fingers: Sequence[MovingJoint], rates: Mapping[str, tuple[float, float]], degrees: bool
 ) -> Fingers | str:
-    """The gripper; or the reason why the fingers do not form a gripper.
+    """Make the gripper from the fingers. If the fingers do not form a gripper, return the reason as text.
 
     Args:
         degrees: whether the angles in the specification are in degrees.

@@ -114,8 +114,8 @@ class Semantics:
     said: list[str] = field(default_factory=list)
 
     def states_of(self, names: tuple[str, ...], of_model: dict[str, float] | None) -> dict[str, Array]:
-        """Positions of these joints in each state that defines all of them, and in the state `home` of the
-        model's file.
+        """Positions of the given joints in each state that defines all of them, and in the state `home` of
+        the model's file.
         """
         found: dict[str, Array] = {}
         for state, values in self.states.items():

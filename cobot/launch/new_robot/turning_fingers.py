@@ -157,8 +157,8 @@ def turning_fingers(
 def _followed(
     node: MovingJoint, nodes: Mapping[str, MovingJoint], degrees: bool
 ) -> tuple[float, float] | str:
-    """Offset and ratio that give a joint's angle from the angle of the first joint; or the reason why the
-    angles are not proportional.
+    """Offset and ratio that give a joint's angle from the angle of the first joint. If the angles are not
+    proportional, the reason is returned as text.
     """
     offset, ratio, seen = 0.0, 1.0, {node.name}
     while node.leader:

@@ -116,7 +116,7 @@ class _Shape:
         return np.asarray(self._place + inside @ self._turn.T)
 
     def holds(self, points: Array) -> Array:
-        """Which of the points are in the shape. The points are in the link's frame."""
+        """For each point, whether it is in the shape. The points are given in the link's frame."""
         points = (points - self._place) @ self._turn
         found = ((points >= self._low) & (points <= self._high)).all(axis=1)
         found[found] = self._inside(points[found])

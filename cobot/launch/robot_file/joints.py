@@ -44,7 +44,7 @@ def keep_joints(spec: mujoco.MjSpec, kept: Container[str]) -> dict[str, float]:
 
 
 def remove_shapes(branches: Iterable[MovingJoint]) -> None:
-    """Remove the shapes of the links that these joints move, but keep the masses of these links."""
+    """Remove the shapes of the links that the given joints move. The masses of these links remain."""
     for branch in branches:
         pending = [branch.joint.parent]
         while pending:

@@ -63,7 +63,7 @@ class Children:
         return Child("fleet", command, self._log, environment=environment)
 
     def ros2(self, url: str) -> Child:
-        """The DDS process. It is a service client at this URL, if there is one."""
+        """The DDS process. If `url` is given, the process is a client of the service at this URL."""
         # Data that a DDS process leaves for its successor. The file is removed when the supervisor ends.
         participant_record = os.memfd_create("cobot-ros2")
         arguments = ["--participant-record", str(participant_record), *(("--url", url) if url else ())]

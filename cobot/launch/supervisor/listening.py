@@ -43,7 +43,7 @@ def url_of(listener: socket.socket, secure: bool) -> str:
 
 
 def access_to(web: WebSection, listener: socket.socket | None) -> str:
-    """The clients that may use the service, as human-readable text.
+    """The clients that may use the service, described as text.
 
     Raises:
         ConfigError: the file of tokens cannot be read or is invalid.

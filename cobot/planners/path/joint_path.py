@@ -245,8 +245,8 @@ def _find_spoiled(
     shares: Array,
     bounds: tuple[Array, Array],
 ) -> tuple[Array, float]:
-    """Find the intervals in which the joint path leaves its bounds or the TCP leaves the TCP path. Also
-    returns the largest deviation in the first of these intervals, as a share of the allowed deviation.
+    """Find the intervals in which the joint path leaves its bounds or the TCP leaves the TCP path. The second
+    result is the largest deviation in the first of these intervals, as a share of the allowed deviation.
     """
     steps = np.diff(parameters)
     inner = np.concatenate(

@@ -15,7 +15,8 @@ from cobot.types import Array, Pose
 
 
 def plan_lin(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
-    """The straight line from the current pose of the TCP to the goal pose; None if the TCP is already there.
+    """The straight line from the current pose of the TCP to the goal pose; None if the TCP is already at the
+    goal.
 
     Raises:
         PlanningError: see `follow` and `end_of`.

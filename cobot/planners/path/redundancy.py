@@ -240,7 +240,7 @@ class RedundancyGraph:
         return np.unwrap(np.concatenate([[angle], self._angles[indices]]))
 
     def _costs(self, branch: int) -> Array:
-        """The cost of the nodes of a branch, shape (n, m); infinite where there are no joints."""
+        """The cost of the nodes of a branch, shape (n, m); infinite for nodes without joint angles."""
         if branch not in self._cost:
             limits, rows = self._robot.limits, self._rows[branch]
             margin = np.minimum(rows - limits.min_position, limits.max_position - rows)

@@ -210,8 +210,8 @@ def _first(
 
 
 def room(robot: RobotDescription, ends: Array) -> float:
-    """The clearance (m) that a polyline with these ends can keep. It is at most the clearance of the ends
-    themselves.
+    """The clearance (m) that a polyline between the given ends can keep. It is at most the clearance of the
+    ends themselves.
     """
     margin_m = robot.collision.margin_m
     nearest = robot.collision.clearance.distances(ends, margin_m + SPARE_M).min(initial=margin_m + SPARE_M)
@@ -262,7 +262,7 @@ class _Search:
         self._setup.setPlanner(getattr(geometric, algorithm)(information))
 
     def run(self, left_s: float) -> Array | None:
-        """The corners of a path, shape (n, dof); None if no path is found within this time."""
+        """The corners of a path, shape (n, dof); None if no path is found within `left_s`."""
         self._setup.clear()
         begun_s = time.monotonic()
         self._setup.solve(min(SLICE_S, left_s) if self._improves else left_s)

@@ -145,8 +145,8 @@ def _reference(coordinates: Coordinates) -> tuple[Array, Array, Array, Array]:
 def _solve_laws(
     robot: RobotDescription, coordinates: Coordinates, laws: Iterator[tuple[Array, Array]]
 ) -> Timed:
-    """The fastest motion, optimised from the first of these timings. If its cells are too coarse, the next
-    timing, which has more cells, is used.
+    """The fastest motion. The optimisation begins with the first of the given timings. If the cells of this
+    timing are too coarse, it continues with the next one, which has more cells.
     """
     limits = coordinates.limits
     with np.errstate(all="ignore"):

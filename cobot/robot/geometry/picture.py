@@ -97,7 +97,7 @@ def draw(
 
 @lru_cache(64)
 def solid(shape: str, size: tuple[float, ...]) -> Facets:
-    """The surface of a solid around its centre.
+    """The surface of a solid, relative to the solid's centre.
 
     Args:
         size: dimensions, m. Box: edges. Sphere: radius. Cylinder, capsule: radius and length. Ellipsoid:

@@ -61,8 +61,8 @@ class CycleStudy(RobotStudy):
         for place in places:
             if not 1 <= place < len(self.program) or places.count(place) > 1:
                 raise ValueError(
-                    f"orders: {place} occurs twice or is not a move of the program, "
-                    f"1 to {len(self.program) - 1}"
+                    f"orders: {place} occurs twice or is not a move of the program; "
+                    f"valid: 1 to {len(self.program) - 1}"
                 )
         for number, move in enumerate(self.program):
             if move.within_m is not None and (move.pose is None or number == 0):
@@ -98,7 +98,7 @@ class CycleStudy(RobotStudy):
         return answer
 
     def program_with(self, values: dict[str, Value]) -> list[StudyMove]:
-        """The program with these parameters."""
+        """The program in which the given parameters are set."""
         moves = list(self.program)
         for number, move in enumerate(self.program):
             if move.within_m is not None and move.pose is not None:

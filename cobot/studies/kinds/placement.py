@@ -217,7 +217,9 @@ class _PlacementKernel:
         return found
 
     def _place(self, base: Pose, tip: Pose) -> None:
-        """Move the objects around the base, and the TCP of the tool."""
+        """Place the base of the arm in the scene, by moving the objects instead of the arm, and set the
+        tool's TCP.
+        """
         back = base.inverse()
         objects = {
             name: each if each.attached else replace(each, pose=(back @ Pose.from_numbers(each.pose)).numbers)

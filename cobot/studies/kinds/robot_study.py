@@ -21,7 +21,7 @@ class RobotStudy(SampledStudy):
 
     @cached_property
     def description(self) -> RobotDescription:
-        """The robot in its scene. A kernel may change it while it computes."""
+        """The robot in its scene. A kernel may modify this object during a computation."""
         return self.robot.load()
 
     def contents(self) -> dict[str, str]:

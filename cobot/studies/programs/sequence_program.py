@@ -47,7 +47,8 @@ class SequenceProgram(StrictModel):
 
 
 def with_programs(document: dict[str, Any], folder: Path, name: str) -> dict[str, Any]:
-    """A study's document in which the names of sequence files are replaced by the motions in these files.
+    """A copy of a study's document, in which the names of sequence files are replaced by the motions from
+    these files.
 
     The results of a study then do not depend on these files, and workers do not need them.
 

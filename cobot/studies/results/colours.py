@@ -24,8 +24,8 @@ def colours_of(values: Array, low: float, high: float) -> np.ndarray:
 
 
 def range_of(values: Array) -> tuple[float, float]:
-    """The range of the finite values, for a colour scale. If no value is negative it begins at 0, and if
-    there are no values it is 0 to 1.
+    """The range of the finite values, for a colour scale. If no value is negative, the range begins at 0.
+    Without any values, it is 0 to 1.
     """
     finite = values[np.isfinite(values)]
     if not len(finite):

@@ -98,7 +98,7 @@ def check_position(state: RobState, layout: TelegramLayout, limits: JointLimits)
 def check_entry(
     state: RobState, options: RsiOptions, layout: TelegramLayout, held: Array
 ) -> Accepted | Rejected:
-    """Check that the arm is at its commanded position, so that corrections may begin."""
+    """Check that the arm is at its commanded position. Only then may corrections begin."""
     off = np.abs(np.subtract(state.position, held))
     joint = int(off.argmax())
     if off[joint] <= options.entry_rad:

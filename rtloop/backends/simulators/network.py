@@ -34,7 +34,7 @@ class Network:
         self._period = 0
 
     def to_client(self, packet: bytes) -> list[bytes]:
-        """Begin a period and send a packet to the client. Returns the packets that arrive there in this
+        """Begin a period and send a packet to the client. Returns the packets that reach the client in this
         period, which can include earlier ones.
         """
         self._period += 1

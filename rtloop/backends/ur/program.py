@@ -62,7 +62,7 @@ def script(options: UrOptions, limits: JointLimits, host: str, port: int, token:
 
 
 def encode_position(position: Sequence[float], periods: int) -> bytes:
-    """Encode a message to the program with a commanded position.
+    """Encode a commanded position as a message to the program.
 
     Args:
         periods: number of periods since the previous message.

@@ -52,7 +52,7 @@ class UrControlRequest(StrictModel):
 
 
 class ControlSession:
-    """A client of the control interface, as a `UrSession`."""
+    """A `UrSession` for a client of the control interface."""
 
     def __init__(
         self,

@@ -19,7 +19,7 @@ READING = (
 
 
 class DashboardSession:
-    """A client of the dashboard server, as a `UrSession`."""
+    """A `UrSession` for a client of the dashboard server."""
 
     def __init__(self, controller: UrController) -> None:
         self._controller = controller

@@ -19,7 +19,7 @@ NOBODY = 253
 
 
 class PrimarySession:
-    """A client of the primary or secondary interface, as a `UrSession`."""
+    """A `UrSession` for a client of the primary or secondary interface."""
 
     def __init__(self, controller: UrController, *, is_primary: bool = True) -> None:
         """

@@ -23,7 +23,7 @@ Answer = tuple[int, dict[str, str]]
 
 
 class RobotApiSession:
-    """A client of the Robot API, as a `UrSession`. Each connection serves one request."""
+    """A `UrSession` for a client of the Robot API. Each connection serves one request."""
 
     def __init__(self, controller: UrController) -> None:
         self._controller = controller

@@ -29,7 +29,7 @@ ERROR, INFO = 1, 3
 
 
 class RtdeSession:
-    """A client of the RTDE server, as a `UrSession`."""
+    """A `UrSession` for a client of the RTDE server."""
 
     def __init__(self, controller: UrController, network: DataNetwork) -> None:
         self._controller, self._network = controller, network

@@ -127,7 +127,7 @@ def test_a_search_is_as_good_as_a_grid(tmp_path: Path) -> None:
     ("more", "message"),
     [
         ({"space": {"sped": {"values": [1]}}}, r"space: unknown parameter 'sped' \(did you mean 'speed'\?\)"),
-        ({"orders": [[0, 1]]}, "orders: 0 occurs twice or is not a move of the program, 1 to 2"),
+        ({"orders": [[0, 1]]}, "orders: 0 occurs twice or is not a move of the program; valid: 1 to 2"),
         ({"orders": [[1, 2], [2, 1]]}, "orders: . occurs twice or is not a move"),
         ({"orders": [[1]]}, r"orders\[0\]: must have at least 2 items"),
         (
