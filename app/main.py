@@ -192,7 +192,7 @@ def _document(app: FastAPI, robots: dict[str, RobotDescription], table: dict[str
 
 
 def _document_vendor(app: FastAPI, names: list[str], table: dict[str, Role] | None) -> None:
-    """Describe the vendor services of the robots with these names. `table` is the same as in `_document`."""
+    """Describe the vendor services of the robots with the given names. `table`: see `_document`."""
 
     def schema() -> dict[str, Any]:
         return vendor.schema(app.openapi(), names)

@@ -273,7 +273,7 @@ class DdsNode:
         Args:
             type_: name of the type, such as "aubo_interfaces/srv/GetDof".
             handler: receives the complete request and returns the response. Fields that are missing in the
-                response get the defaults of ROS. If the handler raises a CobotError there is no answer,
+                response get ROS's defaults. If the handler raises a CobotError there is no answer,
                 because ROS defines none for failures.
 
         Raises:

@@ -59,7 +59,7 @@ def check_name(name: str, taken: Mapping[str, str], what: str, suffix: str) -> N
 
 
 def write_package(folder: Path, files: Mapping[str, str]) -> None:
-    """Create a folder with these files, either completely or not at all.
+    """Create a folder with the given files, either completely or not at all.
 
     Raises:
         ConfigError: the folder exists or cannot be written; nothing has been written.

@@ -57,7 +57,7 @@ class AskedCurve:
         return self._row(self.positions, times_s)
 
     def centre(self, times_s: Array) -> Array:
-        """The centres at these times, shape (n, dof)."""
+        """The centres at the given times, shape (n, dof)."""
         return self._row(self.centres, times_s)
 
     @property
@@ -66,7 +66,7 @@ class AskedCurve:
         return np.asarray(np.abs(self.positions - self.centres).max(axis=0))
 
     def towards(self, times_s: Array) -> Array:
-        """The directions of the curve at these times, shape (n, dof)."""
+        """The directions of the curve at the given times, shape (n, dof)."""
         return self._row(self.directions, times_s)
 
     def in_order(self, times_s: Array) -> Array:

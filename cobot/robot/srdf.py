@@ -59,7 +59,7 @@ def write_srdf(
     positions: Mapping[str, Array],
     pairs: Iterable[tuple[str, str]],
 ) -> None:
-    """Write the text of an SRDF with a planning group, named positions for these joints, and the pairs of
+    """Write the text of an SRDF with a planning group, named positions for the given joints, and the pairs of
     links that may touch.
     """
     root = ElementTree.Element("robot", name=group_name)

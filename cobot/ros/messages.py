@@ -102,7 +102,7 @@ class Messages:
         return self.record(name).default()
 
     def checked(self, name: str, message: Any) -> Message:
-        """The message after checking. Missing fields have the defaults of ROS.
+        """The message after checking. Missing fields have ROS's defaults.
 
         Raises:
             InputError: the message is invalid; the message names the location and the problem.

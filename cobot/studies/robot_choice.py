@@ -66,7 +66,7 @@ class StudyTool(StrictModel):
     tcp: Annotated[list[Finite], Field(min_length=7, max_length=7)] | None = None
 
     def tool(self) -> Tool:
-        """The tool with these values.
+        """The tool with the given values.
 
         Raises:
             InputError: the quaternion of the TCP's pose is not a unit quaternion.

@@ -103,7 +103,7 @@ class Motion:
         self.duration_s = float(breakpoints_s[-1])
 
     def points(self, period_s: float) -> tuple[Array, Array]:
-        """Return times, and the positions, velocities and accelerations at these times. Shapes: (n,) and (3,
+        """Return sample times, and the positions, velocities and accelerations at each. Shapes: (n,) and (3,
         n, dof).
 
         The times are at most `period_s` apart. They include the times where the polynomials of the path meet,

@@ -72,7 +72,7 @@ class ToyDevice:
         self._position = np.array(position)
 
     def receive(self, timeout_s: float) -> list[Packet]:
-        """Return the packets that arrive within this time."""
+        """Return the packets that arrive within the timeout."""
         if self._realtime:
             remaining_s = self._due_s - time.monotonic()
             time.sleep(max(0.0, min(remaining_s, timeout_s)))

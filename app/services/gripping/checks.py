@@ -12,7 +12,7 @@ SLACK_M = 1e-9
 
 
 def check_command(name: str, able: GripperCapabilities, command: AnyGripperCommand) -> None:
-    """Check that the gripper supports a command with these values.
+    """Check that the gripper supports a command with the given values.
 
     Args:
         name: the gripper's type, for errors.

@@ -216,7 +216,7 @@ class GripperService:
         return True
 
     def check(self, command: AnyGripperCommand) -> GripperWorker:
-        """Check that the gripper supports a command with these values.
+        """Check that the gripper supports a command with the given values.
 
         Raises:
             NotSupportedError: the robot has no gripper, or the gripper does not support this command.

@@ -128,7 +128,7 @@ class StudyService:
         return self._with_run(await asyncio.to_thread(self.files.read, study))
 
     async def file(self, study: str, *names: str) -> Path:
-        """Return the first of these files that exists for the study.
+        """Return the first of the given files that exists for the study.
 
         Raises:
             NotFoundError: there is no such study, or none of these files exists yet.

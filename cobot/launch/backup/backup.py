@@ -230,7 +230,7 @@ def _is_valid(name: str, text: bytes, path: str) -> bool:
         document = _json(text, path)
         if document.get("id") != found["id"] or document.get("version") != int(found["version"]):
             raise InputError(
-                f"{shown(path)} of the backup contains a different program or version than its name"
+                f"{shown(path)} of the backup contains a different program or version than its name states"
             )
         return True
     kind = name.removesuffix(".json")

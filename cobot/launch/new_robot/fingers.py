@@ -73,7 +73,7 @@ class FingerPair:
             rest: positions of the joints in the specification, m.
 
         Returns:
-            The hand and its description; or the reason why these fingers cannot be simulated.
+            The hand and its description. If the fingers cannot be simulated, the reason as text.
         """
         data = mujoco.MjData(mj)
         mujoco.mj_kinematics(mj, data)

@@ -96,7 +96,7 @@ def limits(
                     if not mj.jnt_limited[each] and mj.jnt_type[each] == mujoco.mjtJoint.mjJNT_SLIDE
                 ]
                 raise ConfigError(
-                    f"{file}: the slide {name!r} has no range; give it one, in m, or keep all such joints "
+                    f"{file}: the slide {name!r} has no range; give it a range in m, or keep all such joints "
                     f"where they are with {typed('--without', *rangeless)}"
                 )
             ranges[index] = -2.0 * np.pi, 2.0 * np.pi

@@ -119,7 +119,7 @@ class TurningFingers:
 def turning_fingers(
     fingers: Sequence[MovingJoint], rates: Mapping[str, tuple[float, float]], degrees: bool
 ) -> TurningFingers | str:
-    """The turning fingers of a gripper; or the reason why they cannot be simulated.
+    """Find the turning fingers of a gripper. If they cannot be simulated, return the reason as text.
 
     Args:
         degrees: whether the angles in the specification are in degrees.

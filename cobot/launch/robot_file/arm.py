@@ -72,7 +72,7 @@ def find_arm(
 def named_arm(
     file: Path, root: Element, spec: mujoco.MjSpec, tree: JointTree, names: Container[str]
 ) -> list[MovingJoint]:
-    """The joints with these names, and the other joints of their telescopes, in the file's order.
+    """The joints with the given names, and the other joints of their telescopes, in the file's order.
 
     Raises:
         ConfigError: one of them is neither rotary nor linear, or has no name; or joints are coupled.

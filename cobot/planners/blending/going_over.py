@@ -49,7 +49,7 @@ class PathTiming:
     since_s: float = 0.0
 
     def places(self, times_s: Array, derivative: int = 0) -> Array:
-        """The path parameter, or one of its derivatives, at these times of the trajectory, shape (n,)."""
+        """The path parameter or one of its derivatives at the given trajectory times. Shape: (n,)."""
         return np.asarray(self.progress.sample(times_s - self.since_s, derivative)[:, 0])
 
     def time_of(self, place: float) -> float:

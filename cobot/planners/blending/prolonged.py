@@ -29,8 +29,8 @@ from cobot.trajectory_parts import remainder_at
 RESERVE = (0.998, 0.98, 0.92)
 """Shares of the velocity, acceleration and jerk limits that a motion uses if it can be extended."""
 KEPT_S = 3.0
-"""Motions that ended longer ago than this time, s, are not joined again, because the new motions do not
-depend on them.
+"""Motions that ended more than this time ago, s, are not joined again, because the new motions do not depend
+on them.
 """
 
 

@@ -53,9 +53,9 @@ SWINGING = 1.5
 MAX_PLACES = 1500
 ROUNDS = 12
 HALVINGS, GAINED, GROWTHS = 4, 0.5, 5
-"""If so many halvings of the first interval leave more than this share of the deviation in it, no more places
-are added, because the joints jump there. The third value is the number of rounds in which more and more
-intervals are spoiled, after which no more places are added.
+"""No more places are added in two cases. First: after this number of halvings of the first interval, more
+than this share of its deviation remains, because the joints jump there. Second: the number of spoiled
+intervals has grown in as many consecutive rounds as the third value.
 """
 INSIDE_RAD = 1e-6
 """Distance that the path keeps from the joint limits if it begins at them, because the time parameterization

@@ -118,8 +118,8 @@ class Coordinates:
         return joints, rows, slowness
 
     def shares(self, places: Array) -> Array:
-        """Shares of the velocity, acceleration and jerk limits for each coordinate at these points, shape (3,
-        n, m).
+        """Shares of the velocity, acceleration and jerk limits, for each coordinate at each given point.
+        Shape: (3, n, m).
         """
         return np.asarray(self.zones.at(places)[:, :, self._columns])
 

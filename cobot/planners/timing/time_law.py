@@ -268,7 +268,7 @@ class _Problem:
         ]
 
     def _bounds(self) -> list[tuple[Array, Array]]:
-        """The bounds at these points, low and high."""
+        """The lower and upper bounds at the given points."""
         high = self._tightened[0, acceleration_stations(self._cells)[0]]
         one = np.ones((len(high), 1))
         low = np.concatenate([-high, -UNBOUNDED * one], axis=1)

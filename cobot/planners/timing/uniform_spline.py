@@ -52,7 +52,7 @@ def spline_motion(control: Array, step_s: float) -> Trajectory:
 
 
 def spline_at(control: Array, step_s: float, times_s: Array) -> tuple[Array, Array]:
-    """Position and velocity at these times, shape (m, dof) each."""
+    """Position and velocity at the given times, shape (m, dof) each."""
     place = times_s / step_s
     index = np.clip(place.astype(np.intp), 0, len(control) - 4)
     t = (place - index)[:, None]

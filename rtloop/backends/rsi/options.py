@@ -95,7 +95,7 @@ class RsiOptions(BackendOptions):
         return list(given) if isinstance(given, list) else [given] * limits.dof
 
     def check_model(self, limits: JointLimits) -> Accepted | Rejected:
-        """Check that these options match a model with these joints."""
+        """Check that these options match a model with the given joints."""
         axes, allowed = self.axes_of(limits), self.limits_of(limits)
         if len(axes) != limits.dof:
             return Rejected(

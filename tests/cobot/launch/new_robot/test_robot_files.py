@@ -212,7 +212,7 @@ def test_slides_without_a_range_stay_with_the_option_that_is_offered(tmp_path: P
         '<joint name="j" axis="0 1 0" range="-1 1"/><geom size=".02" pos="0 0 .1"/></body></body>'
         "</worldbody></mujoco>"
     )
-    with pytest.raises(ConfigError, match=r"'s0' has no range; give it one, .* with --without s0 s1$"):
+    with pytest.raises(ConfigError, match=r"'s0' has no range; give it a range .* with --without s0 s1$"):
         NewRobot(file).write(tmp_path / "made")
     robot = NewRobot(file, without=["s0", "s1"])
     robot.write(tmp_path / "made")
