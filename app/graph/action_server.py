@@ -273,8 +273,8 @@ class ActionServer:
         return {"status": int(goal.status), "result": goal.result}
 
     async def _serve_cancel_goal(self, request: Message) -> Message:
-        """Serve CancelGoal. Without an id and a time it cancels all goals. With a time it also cancels all
-        goals that were accepted until then.
+        """Serve CancelGoal. A request without an id and a time cancels all goals. A request with a time also
+        cancels all goals that were accepted until this time.
         """
         info = request["goal_info"]
         goal_id, stamp = self._uuid(info["goal_id"]), info["stamp"]

@@ -123,8 +123,8 @@ class Client(ForceMoves, Steps, EventConnection):
         return self._json("POST", f"/robot/plan/{what}", json=request, timeout=self._motion_timeout_s)
 
     def improve(self, plan_id: str, budget_s: float = 1.0, samples: int = 50) -> Json:
-        """Search for a faster plan with the same start and goal for `budget_s`, s. Returns the faster plan,
-        or the same plan if none is found.
+        """Search for a faster plan with the same start and goal for `budget_s` seconds. Returns the faster
+        plan, or the same plan if none is found.
 
         `planning.quality` is "improved", or "final" if more time does not help.
         """

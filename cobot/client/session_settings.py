@@ -71,8 +71,8 @@ class SessionSettings:
         self._request["force_axes"] = axes
 
     def set_force_control_frame(self, coord: CoordType, T: Sequence[float] = NO_FRAME) -> None:
-        """Set the frame of the force axes: position x, y, z, m, and quaternion w, x, y, z, in the world frame
-        or in the TCP's frame.
+        """Set the frame of the force axes, relative to the world frame or to the TCP's frame. It has a
+        position x, y, z, in m, and a quaternion w, x, y, z.
 
         In the world frame, only its orientation is used, because the axes go through the TCP.
         """

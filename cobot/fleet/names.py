@@ -41,7 +41,7 @@ class FleetKeys:
         return f"{PREFIX}/{self.fleet}/{cell}/{instance}"
 
     def panel(self, cell: str) -> str:
-        """The key for requests to the panel of a cell. A robot named `panel` does not conflict with it,
+        """The key for requests to the panel of a cell. It does not conflict with a robot named `panel`,
         because robots have no key `request`.
         """
         return self.of(cell, "panel", "request")

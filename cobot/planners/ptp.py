@@ -26,9 +26,9 @@ rejected: its limits are close to 0.
 
 
 def plan_ptp(robot: RobotDescription, request: MotionRequest, goal: Array) -> Trajectory:
-    """Plan a motion that is time-optimal under velocity, acceleration and jerk limits, or straight in joint
-    space, as the request's `synchronization` demands. If it needs more than `PLANNED_EFFORT` of a drive, it
-    is slowed down.
+    """Plan a ptp motion. Depending on the request's `synchronization`, it is either time-optimal within the
+    velocity, acceleration and jerk limits, or straight in joint space. A motion that needs more than
+    `PLANNED_EFFORT` of a drive is slowed down.
 
     Ruckig's profiles are piecewise cubics, which are converted exactly, not sampled.
 

@@ -233,8 +233,8 @@ class GuidedByHand(Protocol):
     """
 
     def begin_guiding(self) -> None:
-        """Make the device release the arm, which is at rest, at the next `write`. Until `follow_commands` is
-        called, each command is the measured position, which the device must not follow.
+        """Make the device release the arm at the next `write`. The arm is at rest. Until `follow_commands` is
+        called, each command equals the measured position; the device must not follow it.
 
         Raises:
             BackendError: the device does not permit guiding. The device still holds the arm.

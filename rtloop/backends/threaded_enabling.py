@@ -47,8 +47,8 @@ class _Attempt:
 
 
 class ThreadedEnabling:
-    """Enables a device. The cycle begins an attempt and asks for its result in each step; the thread that
-    polls the device carries it out.
+    """Enables a device in the thread that polls it. The cycle begins an attempt, and asks for its result in
+    each step.
 
     The thread always completes an attempt that it has begun, even after a stop, before it begins the next
     one.

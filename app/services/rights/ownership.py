@@ -263,8 +263,8 @@ class Ownership:
 
     @contextlib.contextmanager
     def claim(self, caller: Caller) -> Iterator[Claim]:
-        """Claim the arm while the context is open. If a stop has been requested after this motion, the claim
-        is interrupted at once.
+        """Claim the arm while the context is open. If a stop has been requested since the request for this
+        motion began to arrive, the claim is interrupted at once.
 
         Raises:
             ConflictError: another client is moving the arm.

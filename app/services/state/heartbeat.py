@@ -74,7 +74,7 @@ class Heartbeat:
         self._beaten_s = self._clock.now_s()
 
     def _note_pause(self) -> None:
-        """Turn the operator's key switch. This ends RSI."""
+        """Record whether this process has just resumed after a pause."""
         now_s = self._clock.now_s()
         if self._beaten_s is not None and now_s - self._beaten_s > PAUSE_S:
             self._paused_s, self._resumed_s = now_s - self._beaten_s, now_s

@@ -79,8 +79,8 @@ class ForceSettings:
 
 
 class ForceService:
-    """Keeps the settings of force control. While it is enabled, the TCP holds its pose and exerts the wrench
-    along the force axes.
+    """Keeps the settings of force control. While force control is enabled, the TCP holds its pose and exerts
+    the wrench along the force axes.
 
     A Cartesian session of another client may take over force control. `lend` then ends the service's session,
     and the other session uses `settings`, whose `wrench` may still change.

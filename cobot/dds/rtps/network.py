@@ -56,8 +56,8 @@ def _interface(name: str, probe: socket.socket) -> IPv4Interface | None:
 
 
 def local_interfaces(wanted: Sequence[str] | None) -> list[IPv4Interface]:
-    """The interfaces to announce. `wanted` lists names or addresses. By default, these are all interfaces
-    except loopback, or only loopback if no other interface exists.
+    """The interfaces to announce: those that `wanted` lists by name or address. If `wanted` is None, these
+    are all interfaces except loopback, or only loopback if there is no other interface.
 
     Errors: NetworkError if an interface does not exist, or if there is no interface.
     """

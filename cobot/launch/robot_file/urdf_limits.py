@@ -25,8 +25,8 @@ WAYS_OUT = {
 
 
 def state_limits(file: Path, root: Element) -> None:
-    """Write the defaults of the format into the file: 0 for a missing `lower` or `upper`, and no range for
-    continuous joints.
+    """Write the format's default values into the file. A missing `lower` or `upper` becomes 0, and continuous
+    joints get no range.
 
     MuJoCo would ignore a range of which only one end is given.
     """

@@ -287,8 +287,8 @@ def with_stops(legs: Sequence[Leg]) -> Blended:
 def path_of(
     robot: RobotDescription, legs: Sequence[Leg], paths: Sequence[JointCurve], corners: Sequence[Corner]
 ) -> tuple[JointCurve, Zones, Array]:
-    """The path with its blends, the zones in which different limits apply, and the path parameter in the
-    middle of each blend.
+    """Return three things: the path with its blends, the zones in which different limits apply, and the path
+    parameter in the middle of each blend.
     """
     parts: list[Trajectory] = []
     for index, path in enumerate(paths):

@@ -106,8 +106,8 @@ def times_of(rate: Array) -> tuple[Array, Array, Array]:
 def motion(
     times: Array, positions: Array, first: Array, second: Array, squares: Array, slopes: Array
 ) -> Trajectory:
-    """Quintics through the given positions at the knots. Their first and second derivatives with respect to τ
-    have the given values. Each of the three arrays has shape (n, dof).
+    """A trajectory of quintics. At each knot it has the given position, and the given first and second
+    derivatives with respect to τ. These three arrays have shape (n, dof).
     """
     return from_hermite(times, *states(positions, first, second, squares, slopes))
 

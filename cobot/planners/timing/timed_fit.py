@@ -134,8 +134,8 @@ class _Fitting:
         yield from self._rounds()
 
     def _sample(self) -> tuple[Array, Array]:
-        """The averages of the curve over each step, and the times of the steps. The curve is extended at rest
-        beyond both ends.
+        """The averages of the curve over each step, and the times of the steps. Beyond both ends, the curve
+        continues at rest.
         """
         curve = self._curve
         rows_s = np.linspace(0.0, curve.duration_s, len(curve.positions))

@@ -66,8 +66,8 @@ def row_of(pose: Pose) -> Array:
 
 
 def reach_gap(model: RobotModel, pose: Pose, free: tuple[FreeAxis, ...] = ()) -> float:
-    """A lower bound of how far a pose is outside the arm's reach, m, if the TCP keeps the pose's orientation.
-    It is 0 if the pose is within reach. Joint limits that do not bound the reach are ignored.
+    """A lower bound for the distance of a pose from the arm's reach, m, if the TCP must keep the pose's
+    orientation. It is 0 if the pose is within reach. Joint limits that do not bound the reach are ignored.
     """
     return model.kinematics(free).gap(row_of(pose))
 

@@ -127,7 +127,7 @@ def files_for(settings: Settings, limits: JointLimits) -> dict[str, str]:
 
 
 def ethernet_configuration(options: RsiOptions, context: Context, axes: tuple[str, ...]) -> str:
-    """Make the Ethernet configuration, with the elements of the telegrams and the address to which the
+    """Make the Ethernet configuration. It defines the elements of the telegrams, and the address to which the
     controller sends them.
     """
     root = ET.Element("ROOT")

@@ -257,8 +257,8 @@ class MotionQueue:
         return False
 
     async def _execute(self, claim: Claim) -> None:
-        """Execute a motion that begins with the waiting moves, and continues with those that arrive while it
-        is running.
+        """Execute a motion that begins with the waiting moves. Moves that arrive while the motion is running
+        extend it.
         """
         left = await self._running.execute(claim, self._line)
         if self._line or self._turn.locked():

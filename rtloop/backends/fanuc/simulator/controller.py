@@ -289,8 +289,8 @@ class FanucController:
         self._last, self._received = packet.is_last, True
 
     def _move(self) -> None:
-        """Move the arm for one period: to the command, at constant velocity if a command is missing, or
-        decelerating.
+        """Move the arm for one period. The arm moves to the next command. If there is none, it continues at
+        constant velocity, or decelerates after the commands have ended.
         """
         arm = self.arm
         target, is_last = self._targets.popleft() if self._targets else (None, False)

@@ -168,7 +168,7 @@ class RsiController:
             self.switch_off("an emergency stop")
 
     def switch_mode(self, mode: str) -> None:
-        """Turn the operator's key switch, which ends RSI."""
+        """Turn the operator's key switch. This ends RSI."""
         if mode != self.mode:
             self.mode = mode
             self.events.append(f"operation mode: {mode}")
