@@ -164,8 +164,8 @@ def _requirement(kind: str, error: Mapping[str, Any]) -> str:
 
 
 def _key(name: str) -> str:
-    """Prepare a key for a message. A key that is too long or contains control characters, which a client may
-    send, is formatted.
+    """A key in a form that is suitable for messages. A key from a client may be long or contain control
+    characters. Such a key is shortened and quoted.
     """
     return name if len(name) <= SHOWN_CHARACTERS and name.isprintable() else shown(name)
 

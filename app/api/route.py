@@ -203,7 +203,9 @@ def _answering(handler: Handler) -> ASGIApp:
 
 
 def _with_body_check(function: Callable[..., Any], options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options of a route, with the check of its body and the errors that only a body can cause."""
+    """Return the options of a route, extended by a check of the body and by the errors that only a body can
+    cause.
+    """
     check = body_check(function)
     if check is None:
         return dict(options)

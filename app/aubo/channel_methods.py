@@ -177,8 +177,8 @@ def register(
     channel: Callable[[Services, str], Channel],
     functions: tuple[Callable[..., Any], ...],
 ) -> None:
-    """Register the given functions as services of a class. Each function gets the open device as an
-    additional last argument.
+    """Register the given functions as services of a class. Each service has an additional field, which names
+    the open device.
 
     Args:
         prefix: prefix of the methods' names and of that field's name, such as "socket".

@@ -184,7 +184,9 @@ class Topics:
         return sum(end.owner not in self.gateways for end in ends)
 
     def _topic(self, name: str, type_: str | None) -> tuple[Topic, str | None]:
-        """Return a topic, which is created if it does not exist, and the full name of the requested type."""
+        """Return a topic, and the full name of the requested type. The topic is created if it does not
+        exist.
+        """
         name = absolute(name)
         entry = self._topics.get(name)
         if type_ is not None:

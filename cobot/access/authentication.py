@@ -164,7 +164,7 @@ class Authenticator:
         changed.set()
 
     async def await_change(self) -> None:
-        """Wait until the file has possibly changed, for at most `LOOK_AGAIN_S`."""
+        """Wait for a possible change of the file, for at most `LOOK_AGAIN_S`."""
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(self._changed.wait(), LOOK_AGAIN_S)
 

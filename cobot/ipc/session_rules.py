@@ -39,7 +39,7 @@ _TARGETS = {
 
 
 def nominal_session(info: np.ndarray) -> np.ndarray:
-    """The settings of the default session: the robot's nominal stiffness, without force control and contact
+    """The settings of the default session: the robot's nominal stiffness, no force control, and no contact
     limits.
 
     Args:

@@ -213,7 +213,9 @@ NO_PLACED = Placed()
 
 
 class HasConditions(Protocol):
-    """Interface of a motion that can have conditions, in any form. Missing conditions are None."""
+    """Interface of a motion that can have conditions. The type of the conditions does not matter. Missing
+    conditions are None.
+    """
 
     @property
     def start_when(self) -> object: ...

@@ -220,7 +220,7 @@ class CollisionChecker:
         return body_or_geom(self._mj, geom)
 
     def check_trajectory(self, trajectory: Trajectory) -> None:
-        """Reject a motion that comes closer to anything than the margin.
+        """Reject a motion that brings the arm closer than the margin to any body or to itself.
 
         The check is a proof, not a sample: a motion that passes keeps at least the margin minus
             `RESOLUTION_M` at all times. The motion that passed last is not proven again.

@@ -221,8 +221,8 @@ def _message(name: str, text: str, own: Mapping[str, str]) -> ParsedMessage:
 
 
 def _local(description: Any, own: Mapping[str, str]) -> Any:
-    """Correct the result of rosbags: it looks for unqualified types in srv or action, but they are messages
-    of the package.
+    """Correct a type that rosbags has parsed. It assigns unqualified types to srv or action, although they
+    are messages of the package.
     """
     kind, rest = description
     if kind == Nodetype.NAME:

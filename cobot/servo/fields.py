@@ -34,7 +34,7 @@ class Refusal(StrEnum):
 
 
 class BrokenRule(Exception):
-    """The error for a rejected message. It contains the reason and a sentence."""
+    """The error for a rejected message. It contains the kind of the rejection and an explanatory sentence."""
 
     def __init__(self, kind: Refusal, sentence: str) -> None:
         super().__init__(sentence)

@@ -210,7 +210,7 @@ def numbers3(values: list[float]) -> Numbers3:
 
 
 def numbers7(values: list[float], place: str) -> Numbers7:
-    """Check a pose with a unit quaternion.
+    """Check seven numbers: a position and a unit quaternion.
 
     Raises:
         InputError: the length of the quaternion is not 1.

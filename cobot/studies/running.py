@@ -149,7 +149,7 @@ def run_study(
     report: Callable[[Advance], None] | None = None,
     cancel: threading.Event | None = None,
 ) -> StudyResult:
-    """Compute the missing results in a folder, and answer from all results.
+    """Compute the missing results in a folder, and compute the study's answer from all results.
 
     Args:
         folder: folder for the results. It is a new folder, or the folder of an earlier run of the same study.

@@ -146,8 +146,8 @@ class Reporting(Protocol):
     """A device that reports its status."""
 
     def status(self) -> DeviceStatus:
-        """Return the current status. Called several times a second, between cycles; must not wait for the
-        device.
+        """Return the current status. It is called several times a second, between cycles, and must not wait
+        for the device.
         """
         ...
 

@@ -44,7 +44,7 @@ def open_session(driver: Driver, stream: Stream) -> None:
 
 
 def end_session(driver: Driver) -> None:
-    """End the session in the way that a client ends it."""
+    """End the session, as a client would."""
     driver.memory.session.data["open"] = 0
     driver.memory.session.publish()
 

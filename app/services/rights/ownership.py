@@ -316,7 +316,7 @@ class Ownership:
             self.interrupt(cause)
 
     def interrupt(self, cause: ExecutionError) -> Claim | None:
-        """Interrupt the current claim, but no requests that are still being read."""
+        """Interrupt the current claim, but not the requests that are still being read."""
         self.speed_override.reset()
         if self._claim is not None:
             self._claim.interrupt(cause)

@@ -247,7 +247,7 @@ class Commands:
             await self._send(Command.TIME_FACTOR, stops=self._link.stops, value=factor)
 
     async def pull(self, link: str, point: Sequence[float] = (), target: Sequence[float] = ()) -> None:
-        """Pull the simulated arm at a point of a link towards a target; without a link, release it.
+        """Pull the simulated arm at a point of a link towards a target. If `link` is empty, release the arm.
 
         Raises:
             ExecutionError: rtloop rejects the pull; the error gives the reason.

@@ -31,7 +31,7 @@ log = logging.getLogger("cobot")
 
 @contextmanager
 def locking_kept_files(settings: Settings) -> Iterator[None]:
-    """Context manager that holds the locks until it ends.
+    """Context manager that locks the kept files. The locks are held until it ends.
 
     Raises:
         ConflictError: another process is holding one of the locks; the message names the file and the

@@ -28,7 +28,7 @@ def plan_lin(robot: RobotDescription, request: MotionRequest) -> Trajectory | No
 
 
 def straight_line(start: Pose, goal: Pose, least_rad: float = SMALL_RAD) -> TcpPath:
-    """The path of the line."""
+    """The straight path of the TCP from one pose to another."""
     across, turn = goal.position - start.position, turn_between(start, goal)
 
     def poses(shares: Array) -> Array:

@@ -350,7 +350,9 @@ def _duration(cells: int) -> Stations:
 
 
 def _require_held(held: Array, places: Array, limits: JointLimits) -> None:
-    """Check that the efforts suffice to hold the arm at `places`, shares of the path, shape (n,)."""
+    """Check that the efforts suffice to hold the arm at `places`, given as shares of the path. Shape:
+    (n,).
+    """
     share = np.abs(held) / limits.max_effort
     place, joint = np.unravel_index(int(share.argmax()), share.shape)
     if share[place, joint] >= MAX_HOLDING_EFFORT:

@@ -208,7 +208,7 @@ def _along_the_arm_angle(arm: SrsArm, row: Array, spread: int) -> list[Array]:
 
 
 def _cost(model: RobotModel, joints: Array, criterion: Criterion) -> float:
-    """The cost of joints by manipulability or by their distance from the limits."""
+    """The cost of joint positions, either by manipulability or by distance from the joint limits."""
     if criterion is Criterion.MANIPULABILITY:
         return -model.inverse_kinematics.manipulability(joints)
     limits = model.limits

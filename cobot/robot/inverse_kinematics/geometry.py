@@ -42,7 +42,7 @@ class Axes:
         self.slop = 0.0
 
     def meet(self, *joints: int) -> Array | None:
-        """The point in which axes meet, shape (3,); None if they do not meet."""
+        """The point where the axes intersect, shape (3,); None if they do not intersect."""
         projections = [np.eye(3) - np.outer(self.directions[j], self.directions[j]) for j in joints]
         feet = sum(projection @ self.points[j] for projection, j in zip(projections, joints, strict=True))
         matrix = np.sum(projections, axis=0)

@@ -29,7 +29,7 @@ MAX_REASON = 300
 
 
 class FunctionStudy(SampledStudy):
-    """Calls a function with the parameters of each point, by name.
+    """Calls a function once for each point. The point's parameters are passed to the function by name.
 
     Attributes:
         function: FILE.py:NAME, relative to the study, or MODULE:NAME. It returns a number, true or false, or

@@ -45,7 +45,7 @@ class LimitsTable:
             self.max_speed = packet.max_speed
 
     def missing(self) -> Iterable[tuple[int, LimitRate]]:
-        """List the axes, starting at 1, and rates for which no packet has arrived."""
+        """Yield each axis and rate for which no packet of limits has arrived. Axes are counted from 1."""
         for rate in LimitRate:
             for axis in range(self.unloaded.shape[1]):
                 if np.isnan(self.loaded[rate, axis]).all():

@@ -107,7 +107,7 @@ class FrankaStandIn:
         return True
 
     def stop_by(self, *errors: str) -> None:
-        """Stop the robot by a reflex."""
+        """Simulate a reflex that stops the robot."""
         self.let_go()
         self.errors, self.mode = set(errors), RobotMode.Reflex
         listed = ", ".join(f'"{each}"' for each in errors)

@@ -56,7 +56,9 @@ class Answers:
         return tuple(sent.tolist())
 
     def begin(self, message: MonitoringMessage, command: Array) -> Accepted | Rejected:
-        """Begin commands at the position that the controller holds, if the first command is close to it."""
+        """Begin to command the arm at the position that the controller holds, if the first command is close
+        to this position.
+        """
         here = np.array(self.held(message))
         off = np.abs(here - command)
         joint = int(off.argmax())

@@ -59,7 +59,7 @@ class Expectation:
 
 @dataclass(frozen=True, slots=True)
 class CommandWords:
-    """The nouns in messages about one way of commanding the arm.
+    """The nouns that messages use for one way of commanding the arm.
 
     Attributes:
         kind: name for the kind of controller.

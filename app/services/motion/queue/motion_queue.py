@@ -96,7 +96,7 @@ class MotionQueue:
 
     @property
     def current(self) -> int:
-        """Number of the current or next move; `IDLE` if no move is current or next."""
+        """Number of the current or next move; `IDLE` if there is none."""
         if moves := self._all:
             return moves[0].number
         last = self._last
