@@ -113,7 +113,7 @@ class Reason(str):
         return cls(words, code, tuple(of.split(SEPARATOR)) if of else (), value, limit, unit)
 
     def and_then(self, words: str) -> Reason:
-        """The same reason, with `words` appended to its sentence."""
+        """A copy of the reason with `words` appended to its sentence."""
         return Reason(f"{self}; {words}", self.code, self.of, self.value, self.limit, self.unit)
 
     def fields(self) -> dict[str, object]:

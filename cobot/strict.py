@@ -95,7 +95,9 @@ def keys_of(model: type[BaseModel]) -> dict[str, FieldInfo]:
 
 
 def unknown_key(name: str, valid: list[str], what: str = "key") -> str:
-    """The message for an unknown key or other name, with a suggestion and the valid names."""
+    """The message for an unknown key or other unknown name. It suggests a similar name and lists the valid
+    names.
+    """
     guess = difflib.get_close_matches(name, valid, 1) if len(name) <= SHOWN_CHARACTERS else []
     hint = f" (did you mean {guess[0]!r}?)" if guess else ""
     return f"unknown {what} {shown(name)}{hint}; valid {what}s: {', '.join(valid)}"

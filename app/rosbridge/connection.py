@@ -276,7 +276,7 @@ class RosbridgeConnection:
         return topic, type_ if self in self._graph.gateways else None
 
     def _begin(self, work: Coroutine[Any, Any, None], compression: str | None) -> None:
-        """Start a task that answers a message, while other messages are handled."""
+        """Start a task that answers a message. Other messages are handled in the meantime."""
         try:
             _require_plain(compression)
             if len(self._tasks) >= MAX_PENDING:

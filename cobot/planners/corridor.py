@@ -62,7 +62,7 @@ class AskedCurve:
 
     @property
     def noise(self) -> Array:
-        """The largest distance between each joint's positions and its centres. Shape: (dof,), in rad."""
+        """The largest distance between each joint's positions and their centres. Shape: (dof,), in rad."""
         return np.asarray(np.abs(self.positions - self.centres).max(axis=0))
 
     def towards(self, times_s: Array) -> Array:

@@ -33,7 +33,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, slots=True)
 class Cycles:
-    """The n cycles of a recording.
+    """All cycles of a recording. In the shapes, n is the number of cycles.
 
     Attributes:
         robot, joint_names, period_s, reason: metadata of the file.

@@ -30,7 +30,7 @@ class DrivenIo:
         self._queue.add(name, value)
 
     def ask(self) -> None:
-        """Run one iteration in the thread. If the device rejects an output or reports no inputs and outputs,
+        """Run one iteration of the thread. If the device rejects an output or reports no inputs and outputs,
         the reason is logged.
         """
         try:

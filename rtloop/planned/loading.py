@@ -59,7 +59,7 @@ def load(
         piece[:] = slot.breakpoints_s[begin:end]
         checksum = zlib.crc32(piece.data, checksum)
         if not path.increases(begin, end):
-            raise RefusedError("the trajectory's breakpoints do not start at 0 and increase")
+            raise RefusedError("the trajectory's breakpoints must start at 0 and increase")
         if start is not None or end <= segments:
             yield
     low, high = limits.min_position - POSITION_TOLERANCE_RAD, limits.max_position + POSITION_TOLERANCE_RAD

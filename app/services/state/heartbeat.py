@@ -68,8 +68,8 @@ class Heartbeat:
             await asyncio.sleep(HEARTBEAT_S)
 
     def watch_for_pauses(self) -> None:
-        """Begin to watch for pauses. Called after the service's start, which may take long but is not a
-        pause.
+        """Begin to watch for pauses. Called once the service has started, because its start can take long but
+        is not a pause.
         """
         self._beaten_s = self._clock.now_s()
 

@@ -50,7 +50,7 @@ class HandLink(Protocol):
     def close(self) -> None: ...
 
     def read(self) -> HandReading:
-        """Read the state. While a command is running, it may be the state before that command."""
+        """Read the state. While a command is running, the result can be the state before that command."""
         ...
 
     def begin(self, call: str, *arguments: float) -> None:

@@ -100,7 +100,7 @@ def plan_moves(
 
     first = program[0]
     if first.to is None:
-        raise InputError("program[0]: must have to: the start is a named position or joint angles")
+        raise InputError("program[0]: needs the key to: the start is a named position or joint angles")
     joints = joints_at(robot, first.to, "program[0].to")
     robot.collision.check_position(joints, "program[0]")
     for number, move in enumerate(program[1:], start=1):

@@ -164,7 +164,7 @@ def of_joint_states(facts: Facts, expected: Expectation) -> str:
 
 
 def silence_of(topic: str, age_s: float, timeout_s: float) -> str:
-    """Return the error message for the case that joint states no longer arrive."""
+    """Return the error message for joint states that have stopped arriving."""
     return (
         f"the last joint state on {topic} is {age_s:.2f} s old; the maximum is {timeout_s:g} s "
         "(robot.backend.state_timeout_s): check that the driver still runs"

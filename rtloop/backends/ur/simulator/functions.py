@@ -244,7 +244,9 @@ class ProgramContext:
     def _read_integers(self, number: int, socket_name: str = "socket_0", timeout: float = OPEN_S) -> Run:
         """Return a list with the number of values that were read (all or none), followed by the values."""
         if not 0 < number <= MAX_NUMBERS:
-            raise ValueError(f"socket_read_binary_integer: 1 to {MAX_NUMBERS} numbers, got {number}")
+            raise ValueError(
+                f"socket_read_binary_integer: 1 to {MAX_NUMBERS} numbers are allowed, got {number}"
+            )
         nothing = [0] + [-1] * number
         until = self._controller.time_s + timeout
         while (found := self._sockets.get(socket_name)) is not None:

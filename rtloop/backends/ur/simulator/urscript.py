@@ -334,7 +334,7 @@ class Script:
             raise ScriptError(f"line {self.line}: function calls are nested too deeply")
         parameters = [each.arg for each in made.args.args]
         if len(arguments) + len(named) != len(parameters):
-            raise ScriptError(f"line {self.line}: {name} has {len(parameters)} arguments")
+            raise ScriptError(f"line {self.line}: {name} takes {len(parameters)} arguments")
         inner = _Frame(dict(zip(parameters, arguments, strict=False)) | named, frame.depth + 1)
         try:
             yield from self._block(made.body, inner)

@@ -148,7 +148,7 @@ def test_a_bad_study_names_the_key(space: dict[str, Any], more: dict[str, Any], 
 @pytest.mark.parametrize(
     ("program", "message"),
     [
-        ([PART, PART], r"program\[0\]: must have to"),
+        ([PART, PART], r"program\[0\]: needs the key to"),
         (
             [{"to": "home"}, {"to": "wrk"}],
             r"program\[1\].to: unknown position 'wrk' \(did you mean 'work'",

@@ -115,7 +115,7 @@ def test_comparisons_read_sequence_files_too(tmp_path: Path) -> None:
         ({"waypoints": [{**POSE, "planner": "circ", "via": {"x": 0, "y": 0, "z": 0}}]}, "compute via"),
         ({"steps": [{"call": "other.json"}]}, r"steps\[0\]: a study does not compute call; list the moves"),
         ({"steps": [{"repeat": {"count": 2}, "do": [{"named": "home"}]}]}, "does not compute repeat"),
-        ({"waypoints": [{**POSE}, {**POSE}]}, r"program\[0\].*must have to"),
+        ({"waypoints": [{**POSE}, {**POSE}]}, r"program\[0\].*needs the key to"),
         ({"waypoints": [{"named": "home"}]}, "program: must have at least 2 items"),
     ],
 )
