@@ -84,7 +84,7 @@ class Offers:
             ended.set_result(asked)
 
     async def close(self) -> None:
-        """Withdraw all offers of the client, which has disconnected."""
+        """Withdraw all offers of a client that has disconnected."""
         for name in tuple(self._services):
             self.remove_service(name)
         for name in tuple(self._actions):

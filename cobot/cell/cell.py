@@ -166,7 +166,7 @@ class CellSolid(CellEntry):
         return self.mesh.size if self.shape == "mesh" else self.size_m
 
     def read_mesh(self, folder: Path) -> None:
-        """Read a mesh file, which is in the cell file's folder.
+        """Read a mesh file from the folder of the cell file.
 
         Raises:
             ConfigError: see `mesh_shape`.

@@ -118,7 +118,7 @@ class ServiceCommands:
             self._client.close()
 
     def _release(self) -> None:
-        """Release control, even if a killed process has taken it and its token is lost.
+        """Release control. This works even if a killed process has taken control and its token is lost.
 
         Raises:
             ConflictError: a job is running under that control, and would end.

@@ -106,9 +106,7 @@ def _box_tree(x: float, y: float, z: float) -> Array:
 
 
 def _bounding_tree(x: float, y: float, z: float, *half: float) -> Array:
-    """The spheres around the bounding box of any other shape. The box is given by its centre and its half
-    sizes.
-    """
+    """The spheres around the bounding box of a shape. The box is given by its centre and its half sizes."""
     tree = _box_tree(*half)
     tree[:, :3] += (x, y, z)
     tree[:, 4] = NO_DEPTH

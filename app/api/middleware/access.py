@@ -170,7 +170,9 @@ class Access:
     async def _while_valid(
         self, scope: Scope, receive: Receive, send: Send, token: str, holder: Holder, by_protocol: bool
     ) -> None:
-        """Serve a WebSocket. Close it when its token is revoked, has expired, or has a different role."""
+        """Serve a WebSocket. Close it when the client's token is revoked, expires, or gets a different
+        role.
+        """
         accepted = ended = False
 
         async def check_then_send(message: Message) -> None:

@@ -137,7 +137,8 @@ def lead_around(
     from_s: float,
     free_s: float,
 ) -> ChangeOver | None:
-    """Change a motion so that it avoids an obstacle that it would touch, as `change_goal` does.
+    """Change a motion so that it avoids an obstacle in its path. The change is made in the same way as in
+    `change_goal`.
 
     Args:
         free_s: path time from `now_s` within which the motion must not touch anything, s.

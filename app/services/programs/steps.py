@@ -42,7 +42,7 @@ class RunnerInstructions:
         self.held = False
 
     def ask(self, behind: int, n_waypoints: int) -> bool:
-        """Answer the runner, which asks whether it may continue.
+        """Handle a request from the runner, which asks whether it may continue.
 
         Args:
             behind: the last waypoint that was reached; 0 if none was reached.

@@ -316,8 +316,8 @@ class Commands:
         scene: int = 0,
         timeout_s: float = ACKNOWLEDGE_S,
     ) -> None:
-        """Send a command and wait for its execution. After a timeout, it is not executed later, because
-        rtloop rejects a command if a stop has been requested since.
+        """Send a command and wait until rtloop has executed it. If rtloop does not answer in time, a stop is
+        requested. The command is then never executed, because rtloop rejects commands from before a stop.
         """
         number = int(self._memory.head.data["id"]) + 1
         command = self._memory.commands[number % RING]
