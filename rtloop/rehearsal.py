@@ -45,7 +45,7 @@ UNSETTLED = Reason("the arm did not settle at its goal", ReasonCode.NOT_SETTLED)
 
 
 class Disturbance(Protocol):
-    """A disturbance of the simulated arm in a dry run. The cycle is not informed of it."""
+    """A disturbance of the simulated arm in a dry run. The control cycle is not told about it."""
 
     def prepare(self, backend: MujocoBackend) -> None:
         """Change the arm before the motion begins."""

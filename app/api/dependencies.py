@@ -154,7 +154,7 @@ class Call:
 
 
 def kept_body(body: BaseModel) -> tuple[str, dict[str, Any] | None]:
-    """Return a request body as text and as a job stores it (None if it is too long)."""
+    """Return a request body as text and as JSON data for a job. The data is None if the text is too long."""
     text = body.model_dump_json(exclude_unset=True, by_alias=True)
     return text, json.loads(text) if len(text) <= MAX_BODY else None
 

@@ -102,5 +102,5 @@ class RobotChannels:
 
 
 def bit_mask(places: Iterable[int]) -> int:
-    """Return the integer in which exactly the bits at these positions are set."""
+    """Return an integer whose bits are set at the given positions. All other bits are 0."""
     return sum(1 << int(place) for place in places)

@@ -99,7 +99,7 @@ class _Cdr:
         return count
 
     def text(self) -> str:
-        """Read a string, which follows its length."""
+        """Read the length of a string, and then the string."""
         (found,) = self._values(f"{self.count()}s")
         return str(found.rstrip(b"\0"), "utf-8")
 

@@ -46,7 +46,7 @@ log = logging.getLogger("cobot.ros2")
 
 
 class Rosbridge:
-    """A connection to the service that is reopened automatically.
+    """A connection to the service. If the connection is lost, it is opened again automatically.
 
     Args:
         url: service address, such as "http://localhost:8007".

@@ -115,7 +115,7 @@ def _events_in(content: bytes, cell: str, robot: str) -> list[RobotEvent]:
 
 
 def _is_open(answer: CommandAnswer | None) -> bool:
-    """Whether the command must be tried again."""
+    """Whether a command with this answer must be sent again."""
     return answer is None or answer.code in (BusyError.code, UnavailableError.code)
 
 

@@ -7,8 +7,8 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 
 class SameSite:
-    """Rejects requests from pages of other sites, which otherwise could stop the fleet from a visitor's
-    browser.
+    """Rejects requests from pages of other sites. Otherwise such a page could stop the fleet when a user
+    opens the page in a browser.
     """
 
     def __init__(self, app: ASGIApp) -> None:

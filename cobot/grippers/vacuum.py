@@ -160,7 +160,7 @@ class VacuumGripper(TwoPositions):
         return self._since_s < self._release_s
 
     def _has_vacuum(self) -> bool | None:
-        """Whether the vacuum is enough for a part, with hysteresis; None if there is no sensor."""
+        """Whether the vacuum is strong enough to hold a part, with hysteresis; None without a sensor."""
         options = self._options
         if options.sensor is None:
             return None

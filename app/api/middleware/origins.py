@@ -53,7 +53,7 @@ class Origins:
         self.take_over(web)
 
     def take_over(self, web: WebSection) -> None:
-        """Use these lists, beginning with the next request."""
+        """Use the allowed origins and hosts of new settings, beginning with the next request."""
         self.listed = frozenset(origin.encode() for origin in web.allowed_origins)
         self._names = self._own.union(host.lower() for host in web.allowed_hosts)
         self._host_known.cache_clear()

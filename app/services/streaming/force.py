@@ -144,8 +144,8 @@ class ForceService:
             await self._end("another session takes over")
 
     async def take_back(self) -> None:
-        """Continue at the arm's current position after the other session has ended, unless force control was
-        disabled or stopped.
+        """Continue force control at the arm's current position, after another session had interrupted it.
+        Nothing happens if force control was disabled or stopped meanwhile.
 
         Raises:
             CobotError: see `enable`.

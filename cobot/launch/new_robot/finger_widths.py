@@ -60,7 +60,7 @@ class Hinge:
 
 @dataclass(frozen=True, slots=True)
 class MeasuredFingers:
-    """The width of a gripper.
+    """How far a gripper opens at each angle of its first finger joint.
 
     Attributes:
         closed, open: angles of the first joint, rad.

@@ -37,7 +37,7 @@ FROM_GEOM = mujoco.mjtInertiaFromGeom
 
 @dataclass(frozen=True, slots=True)
 class Wishes:
-    """The user's options for masses.
+    """The masses and densities that the user has given.
 
     Attributes:
         density: density of links without an inertial, kg/m³. None means `DENSITY_KG_M3`, or for MJCF the

@@ -33,7 +33,7 @@ FAR_M = 0.001
 
 @dataclass(slots=True)
 class TurningFingers:
-    """Fingers in a file that turn.
+    """The fingers of a gripper in a robot file, if they open by turning about joints.
 
     Attributes:
         joints: the joints of the fingers. The first one is the leader, and all others follow it.

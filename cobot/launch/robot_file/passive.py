@@ -12,8 +12,8 @@ MEDIUM = ("density", "viscosity", "wind")
 
 
 def remove_passive_forces(spec: mujoco.MjSpec) -> list[str]:
-    """Remove these forces from the specification of an arm without its gripper. Returns a sentence for each
-    kind of force.
+    """Remove passive forces, such as springs, from the specification of an arm without its gripper. Returns
+    a sentence for each kind of force that was found.
     """
     found = {
         "springs": [joint.name for joint in spec.joints if np.any(joint.stiffness)],

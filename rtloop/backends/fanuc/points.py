@@ -123,7 +123,7 @@ class Points:
         return [name for name in self.names if name in self._command.places]
 
     def begin(self, values: Mapping[str, int]) -> None:
-        """Start from the current values of all outputs, so that none changes when commands begin."""
+        """Copy the current values of all outputs, so that the first command changes no output."""
         for name, value in values.items():
             self._command.write(self._bytes, name, value)
 

@@ -122,7 +122,7 @@ class Ros2ControlOptions(BackendOptions):
         return self.namespace if name is None else self.below(name)
 
     def below(self, name: str) -> str:
-        """Return a name below the namespace, unless it begins with a slash."""
+        """Put a name below the namespace. A name that begins with a slash is returned unchanged."""
         return name if name.startswith("/") else f"{self.namespace}/{name}"
 
     def remote_setting(self, settings: Settings) -> str:
