@@ -1,4 +1,4 @@
-"""`make bench`; the rig and the runner of the tests serve it too, by the names that pytest gives them."""
+"""`make bench`. The tests also use the rig and the runner, under the names that pytest gives them."""
 
 from __future__ import annotations
 

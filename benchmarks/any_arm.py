@@ -68,12 +68,12 @@ class Figures:
 
     @property
     def tracking_ratio(self) -> float:
-        """Tracking error in relation to what the iiwa is allowed."""
+        """The tracking error, as a multiple of the error that is allowed for the iiwa."""
         return self.tracking / TRACKS
 
     @property
     def good(self) -> bool:
-        """Whether the arm holds still everywhere, and every motion that was started was completed."""
+        """Whether the arm holds still in every posture, and completes every motion that was started."""
         return min(self.still) == 1.0 and not self.faults and self.tracking_ratio <= 1.0
 
     def __str__(self) -> str:
@@ -152,7 +152,7 @@ class _Motions:
     def _next(
         self, start: Array | None, postures: list[Array], tool: Tool, planner: PlannerName
     ) -> Array | None:
-        """Where the motion has ended; None if that is no place to go on from."""
+        """The position in which the motion has ended; None if no motion can start there."""
         random = self.arm.random
         self.arm.robot.model.carry(tool)
         for _ in range(TRIES):

@@ -1,4 +1,6 @@
-"""Random postures of any arm, how still it holds them in the simulation, and lines that it can follow."""
+"""Random postures of any arm, a measure of how still the arm holds them in the simulation, and lines that it
+can follow.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,7 @@ LINE = (0.02, 0.15)
 
 
 class Arm:
-    """An arm, and what is drawn for it.
+    """An arm, and the random numbers for it.
 
     Attributes:
         size: by which the positions of its joints are divided: 1, of a slide the reach.
@@ -47,7 +49,9 @@ class Arm:
         self.size = np.where(slides, self.reach_m, 1.0)
 
     def payload(self) -> Tool:
-        """The permitted payload, halved until the drives hold it nearly wherever they hold the arm."""
+        """The permitted payload. It is halved until the drives can hold it in nearly every posture in which
+        they can hold the arm.
+        """
         mass = self.settings.robot.max_payload_kg
         drawn = [joints for joints in self._drawn[:300] if self._holds(joints)]
         while mass > 1e-3:
@@ -61,7 +65,9 @@ class Arm:
         return BARE
 
     def holdable(self, tool: Tool, count: int) -> list[Array]:
-        """Free postures that the drives can hold; the first is home, if it is one of them."""
+        """Collision-free postures that the drives can hold. The first one is home, if the drives can hold
+        home.
+        """
         self.robot.model.carry(tool)
         found: list[Array] = []
         for joints in self._drawn:
@@ -71,7 +77,9 @@ class Arm:
         return found
 
     def speeds(self, postures: Sequence[Array], tool: Tool) -> Array:
-        """The largest velocity of a joint after some time in each posture, shape (n,)."""
+        """For each posture, the largest joint velocity after the arm has held the posture for some time.
+        Shape: (n,).
+        """
         backend = MujocoBackend(self.settings, self.robot.limits)
         backend.set_tool(tool)
         measured, command = Measured(self.robot.limits.dof), np.zeros((3, self.robot.limits.dof))
@@ -88,8 +96,9 @@ class Arm:
         return np.array(found)
 
     def line(self, start: Array) -> tuple[Pose, tuple[FreeAxis, ...]]:
-        """The end of a line in a direction that the joints permit, and the rotations that have to be free for
-        it: of an arm with few joints as many as let the TCP go in most directions, of others none.
+        """The end of a line in a direction that the joints permit, and the rotations that must be free. For
+        an arm with few joints, as many rotations are free as the TCP needs to move in most directions;
+        otherwise none.
         """
         here = self.robot.model.forward(start)
         _, rotation, jacobian = self.robot.model.forward_and_jacobian(start)
@@ -104,7 +113,9 @@ class Arm:
         return Pose(here.position + way, here.quaternion), free
 
     def _directions(self, moving: Array, turning: Array, free: tuple[FreeAxis, ...]) -> Array:
-        """In which the TCP can go with no rotation but the free ones, orthonormal, shape (3, n)."""
+        """The orthonormal directions in which the TCP can move if only the free rotations change. Shape: (3,
+        n).
+        """
         held = turning[[index for index, axis in enumerate(FREE_AXES) if axis not in free]]
         within = np.eye(moving.shape[1])
         if len(held):

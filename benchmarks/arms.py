@@ -1,4 +1,6 @@
-"""The arms of the stress test: the shipped one, and four that `cobot new-robot` makes of a URDF each."""
+"""The arms of the stress test: the shipped arm, and four arms that `cobot new-robot` makes from
+URDF files.
+"""
 
 from __future__ import annotations
 
@@ -72,7 +74,7 @@ VELOCITY = {TURN: 2.0, SLIDE: 0.5}
 
 @dataclass(frozen=True, slots=True)
 class Build:
-    """What the links and drives of an arm are made of.
+    """The material of an arm's links, and its drives.
 
     Attributes:
         thick_m: radius of the links; those of the last three are thin.
@@ -98,7 +100,9 @@ ORDINARY = Build()
 
 @dataclass(frozen=True, slots=True)
 class Arm:
-    """`robot` is cobot's, the other three are pinocchio's, of the same URDF; `base` and `tcp` are frames."""
+    """An arm. `robot` is cobot's description. The other three attributes are pinocchio's model of the same
+    URDF, and the ids of its frames `base` and `tcp`.
+    """
 
     name: str
     robot: RobotDescription
@@ -109,7 +113,7 @@ class Arm:
 
 @cache
 def arm(name: str) -> Arm:
-    """One of `NAMES`."""
+    """The arm with this name, which must be one of `NAMES`."""
     if name == SHIPPED:
         other = independent_models.Pinocchio()
         base = other.model.getFrameId("base_link")
@@ -122,18 +126,20 @@ def arm(name: str) -> Arm:
 
 
 def loaded(name: str, folder: Path) -> Arm:
-    """One of `JOINTS`, of the folder that `cobot new-robot` has made of its URDF."""
+    """The arm with this name, which must be one of `JOINTS`, from the folder that `cobot new-robot` has made
+    from its URDF.
+    """
     return loaded_from(name, folder, pinocchio.buildModelFromXML(urdf(name)), "tool0")
 
 
 def loaded_from(name: str, folder: Path, model: pinocchio.Model, tcp: str) -> Arm:
-    """Of a folder that `cobot new-robot` has made, with pinocchio's model of the same arm."""
+    """The arm in a folder that `cobot new-robot` has made, with pinocchio's model of the same arm."""
     robot = load_robot(load_settings(folder / "cobot-setting.yaml"))
     return Arm(name, robot, model, model.getFrameId(robot.base_frame), model.getFrameId(tcp))
 
 
 def carrying(robot: RobotDescription, tool: Tool) -> RobotDescription:
-    """The same robot with a tool, in a model of its own."""
+    """The same robot with a tool. It gets its own model."""
     given = robot.model
     site = given.mj.site(given.tcp_site).name
     model = RobotModel(copy.copy(given.mj), given.limits, robot.base_frame, site, given.spec)
@@ -142,7 +148,7 @@ def carrying(robot: RobotDescription, tool: Tool) -> RobotDescription:
 
 
 def loaded_model(model: pinocchio.Model, frame: int, tool: Tool) -> pinocchio.Model:
-    """Pinocchio's model with the tool's mass on a frame, which is where the flange is."""
+    """Pinocchio's model with the tool's mass added to a frame, which is at the flange."""
     flange, loaded = model.frames[frame], model.copy()
     inertia = pinocchio.Inertia(tool.mass, np.array(tool.centre), tool.inertia_matrix)
     loaded.appendBodyToJoint(flange.parentJoint, inertia, flange.placement)
@@ -150,14 +156,14 @@ def loaded_model(model: pinocchio.Model, frame: int, tool: Tool) -> pinocchio.Mo
 
 
 def urdf(name: str) -> str:
-    """Of one of `JOINTS`."""
+    """The URDF of one of `JOINTS`."""
     return description(name, JOINTS[name], TIPS[name])
 
 
 def description(
     name: str, joints: Sequence[Joint], tip: Point, build: Build = ORDINARY, extra: str = ""
 ) -> str:
-    """A URDF. Each link is a cylinder from its joint to the next one.
+    """The text of a URDF. Each link is a cylinder from its joint to the next joint.
 
     Args:
         extra: further links and joints.
@@ -186,7 +192,7 @@ def description(
 
 
 def _solid(way: Array, radius: float, build: Build) -> str:
-    """A cylinder along a way from the link's origin, and a mass in its middle."""
+    """A cylinder from the link's origin along a vector, with its mass at its centre."""
     length = float(np.linalg.norm(way))
     origin = f'xyz="{_words(0.5 * way)}"'
     pitch, yaw = np.arctan2(np.hypot(way[0], way[1]), way[2]), np.arctan2(way[1], way[0])
@@ -202,7 +208,7 @@ def _solid(way: Array, radius: float, build: Build) -> str:
 
 
 def _inertia_of_cylinder(mass: float, radius: float, way: Array) -> Array:
-    """Of a solid one about its middle, shape (3, 3), kg·m²."""
+    """The inertia of a solid cylinder about its centre, shape (3, 3), kg·m²."""
     length = float(np.linalg.norm(way))
     axis = way / max(length, 1e-9)
     across = mass * (3.0 * radius**2 + length**2) / 12.0

@@ -45,7 +45,7 @@ def record(folder: str) -> None:
 
 
 def _root(frame: FrameType) -> CodeType:
-    """The outermost of these functions on the stack, which the event loop or a thread has called."""
+    """The outermost recorded function on the stack, which the event loop or a thread has called."""
     root, outer = frame.f_code, frame.f_back
     while outer is not None and not outer.f_code.co_filename.endswith(EVENT_LOOP):
         if outer.f_code.co_filename.startswith(PACKAGES):

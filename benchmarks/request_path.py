@@ -1,4 +1,5 @@
-"""How much of the code a request passes, and how soon it moves the arm: `POST /robot/move/pose` with lin.
+"""The amount of code that a request passes, and the time until it moves the arm: `POST /robot/move/pose` with
+lin.
 
 `python -m benchmarks.request_path` lists the functions in the order of their first calls.
 """
@@ -48,7 +49,7 @@ Body = dict[str, Any]
 
 
 def passed(repetitions: int) -> Iterator[Row]:
-    """The functions and files on the way of a line, and its latency."""
+    """The functions and files that a line passes, and its latency."""
     own, shared = recorded()
     yield row(
         "POST /robot/move/pose with lin: what it passes of app/ and cobot/, in addition to any request",
@@ -71,7 +72,8 @@ def passed(repetitions: int) -> Iterator[Row]:
 
 
 def recorded() -> tuple[list[str], list[str]]:
-    """The functions that only a line calls, and those that any request calls, in the order of their calls.
+    """The functions that only a line calls, and those that every request calls, in the order of their first
+    calls.
 
     Left out are tasks that also run while nothing is requested, and threads that write files later.
     """
@@ -118,7 +120,7 @@ def recorded() -> tuple[list[str], list[str]]:
 
 
 class _Recorded(Run):
-    """Its processes record their calls in its folder."""
+    """A service whose processes record their calls in its folder."""
 
     def start(self) -> None:
         path = os.pathsep.join(map(str, (self.config.parent, ROOT, SUPPORT)))
@@ -137,7 +139,9 @@ def _record(folder: Path, phase: int, do: Callable[[], object]) -> None:
 
 
 def _lines(robot: RobotDescription) -> tuple[tuple[MotionRequest, Body], tuple[MotionRequest, Body]]:
-    """The line up from home and the one back, each for the planner and as the body of a request."""
+    """The line upwards from home and the line back, each as a request for the planner and as a request
+    body.
+    """
     home = np.array(robot.positions["home"].joints)
     below = robot.model.forward(home)
     above = Pose(below.position + np.array([0.0, 0.0, LINE_M]), below.quaternion)
@@ -158,7 +162,9 @@ def _post(client: httpx.Client, path: str, body: Body) -> None:
 
 
 def _latency(repetitions: int) -> Iterator[Row]:
-    """Until a plan is answered and until the arm moves; the service has planned the line in both."""
+    """The time until a plan is answered, and until the arm moves. The service plans the line in both
+    cases.
+    """
     robot = load_robot(load_settings(None))
     lines = _lines(robot)
     planned, moving, alone = [], [], []
@@ -202,7 +208,7 @@ def _ms(do: Callable[[], object]) -> float:
 
 
 def _moving_ns(memory: RobotMemory, since_ns: int) -> int:
-    """When the first state was published in which the arm is on its path."""
+    """The time of the first published state in which the arm is on its path."""
     while time.monotonic_ns() < since_ns + TIMEOUT_S * 1e9:
         state = memory.state.read()
         if int(state["motion_result"]) == 1 and float(state["path_time_s"]) > 0.0:

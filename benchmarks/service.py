@@ -1,4 +1,4 @@
-"""A running `cobot`, and what its shared memory says."""
+"""A running `cobot`, and the content of its shared memory."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class _Narrow(Run):
 def service(
     clock: str = "realtime", *, tokens: int = 0, tls: bool = False, narrow: bool = False
 ) -> Iterator[Run]:
-    """`cobot run` on a free port with a robot of its own, until the context ends.
+    """Context manager: `cobot run` on a free port, with its own robot.
 
     Args:
         tokens: so many there are; with any it asks for one, and its own requests show it.
@@ -58,7 +58,7 @@ def service(
 
 @contextlib.contextmanager
 def background(module: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """A Python module as a process and a session of its own, as the service's are, until the context ends."""
+    """Context manager: a Python module as a process in its own session, like the processes of the service."""
     process = subprocess.Popen(
         [sys.executable, "-m", module, *arguments],
         stdout=subprocess.PIPE,
@@ -74,17 +74,17 @@ def background(module: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def reader(run: Run) -> RobotMemory:
-    """The robot's shared memory, for looking."""
+    """The robot's shared memory, opened for reading."""
     return RobotMemory.attach(run.memory.name.removeprefix("cobot-"), MemoryRole.READER)
 
 
 def histograms(memory: RobotMemory) -> np.ndarray:
-    """What rtloop has counted so far, shape (phases, buckets)."""
+    """The counts of rtloop so far, shape (phases, buckets)."""
     return memory.statistics.read()["histogram"].astype(np.int64)
 
 
 def from_histogram(counts: np.ndarray) -> tuple[float, float, float]:
-    """p50, p99, p99.9 in µs; the last bucket is "that much or more"."""
+    """p50, p99 and p99.9 in µs. The last bucket means "this value or more"."""
     total = np.cumsum(counts)
     p50, p99, p999 = (int(np.searchsorted(total, share * total[-1])) for share in (0.5, 0.99, 0.999))
     return float(p50), float(p99), float(p999)

@@ -33,7 +33,7 @@ SENDERS = ("punctual", "bursts", "gaps", "wrong times")
 
 
 class Wanderer(Task):
-    """A task whose targets are random, and not always what an arm can follow."""
+    """A task with random targets, some of which the arm cannot follow."""
 
     def __init__(self, rig: WatchedRig, kind: str, random: np.random.Generator, **wishes: object) -> None:
         self._random = random
@@ -84,7 +84,7 @@ class Wanderer(Task):
 
 
 class Soak:
-    """One arm that wanders until the time is up.
+    """An arm that executes random tasks until the time is up.
 
     Attributes:
         counts: what has happened how often.
@@ -104,7 +104,7 @@ class Soak:
         }
 
     def run(self, cycles: int) -> None:
-        """Wander for so many cycles, and have a look at them."""
+        """Execute random tasks for this number of cycles, and check the cycles."""
         begin = self.rig.record.cycles[-1] if self.rig.record.cycles else 0
         while (done := self.rig.record.cycles[-1] - begin if self.rig.record.cycles else 0) < cycles:
             what = self._one_task()
@@ -118,7 +118,7 @@ class Soak:
         self.rig.close()
 
     def _one_task(self) -> str:
-        """What it was, in words."""
+        """Execute one task. Returns its description in words."""
         random, rig = self._random, self.rig
         kind, how = str(random.choice(KINDS)), str(random.choice(list(self._ends)))
         self.counts[kind] += 1
@@ -162,7 +162,7 @@ class Soak:
         return wishes
 
     def _recover(self, task: Task) -> None:
-        """Back to HOLD, as anybody would get there."""
+        """Return to HOLD in the same way as a user."""
         rig = self.rig
         rig.simulation.push[:] = 0.0
         if rig.mode in STREAMING:

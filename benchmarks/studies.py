@@ -1,4 +1,4 @@
-"""Studies: the share of a kernel's rate that is left, and the cost of a task with many workers.
+"""Studies: the share of a kernel's rate that a study reaches, and the cost of a task with many workers.
 
 All figures are in processor time, so other programs on the computer hardly change them.
 """
@@ -25,7 +25,7 @@ TASK_S, WORKERS = 0.005, 100
 
 
 def studies(places: int, tasks: int) -> Iterator[Row]:
-    """A reach study on this computer, and a study of short tasks on workers that cost no time."""
+    """A reach study on this computer, and a study of short tasks on workers whose tasks take no time."""
     study = _reach(places)
     bare_hz = _bare_rate(study)
     for workers in (1, 2):
@@ -65,7 +65,9 @@ def _bare_rate(study: Study) -> float:
 
 
 def _rate(study: Study, workers: int) -> float:
-    """Tasks per second of processor time of a whole run, with the start of the workers, files and table."""
+    """Tasks per second of CPU time for a whole run, including the start of the workers, the files and the
+    table.
+    """
     begin = _all_processes_s()
     with tempfile.TemporaryDirectory() as folder:
         result = run_study(study, Path(folder) / "out", workers=workers)
@@ -73,13 +75,13 @@ def _rate(study: Study, workers: int) -> float:
 
 
 def _all_processes_s() -> float:
-    """Processor time of this process and of its children that have ended."""
+    """CPU time of this process and of its children that have ended."""
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
     return time.process_time() + children.ru_utime + children.ru_stime
 
 
 class WorkersWithoutCost(Executor):
-    """Answers at once, with the time that a worker would have taken."""
+    """Answers immediately, and reports the time that a worker would have taken."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         _, first, last, _ = args
@@ -90,7 +92,7 @@ class WorkersWithoutCost(Executor):
 
 
 def _cost_s(tasks: int) -> float:
-    """Time of the coordinator per task, with all files and the table."""
+    """The coordinator's time per task, including all files and the table."""
     space = {"x": {"low": 0.0, "high": 1.0, "count": tasks}}
     study = study_of({"question": "benchmark", "kind": "python", "function": "bisect:bisect", "space": space})
     begin = time.process_time()

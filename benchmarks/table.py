@@ -11,7 +11,7 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A figure, its tail, and the same of what it is compared with.
+    """A figure and its tail, with the values that it is compared with.
 
     Attributes:
         columns: what the values are, where they are not p50, p99 and p99.9.
@@ -62,8 +62,8 @@ def row(
     ratio_of: str = "",
     aim: str = "",
 ) -> Row:
-    """A row whose ratio is ours by theirs, in the named column; in all of them for `EACH`, and without a name
-    in the first one.
+    """A row whose ratio is cobot's value divided by the other value: in the named column, in every column for
+    `EACH`, or in the first column without a name.
     """
     pairs = zip(values, against_values, strict=True)
     ratios = [ours / theirs if theirs else 1.0 if ours == theirs else math.inf for ours, theirs in pairs]

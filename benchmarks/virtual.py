@@ -1,4 +1,4 @@
-"""The cycle on the virtual clock, as the tests step it, and what is fed into it."""
+"""The cycle on the virtual clock, as in the tests, and its inputs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOVED = np.array([1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0])
 
 @contextlib.contextmanager
 def rig(*, simulated: bool = False, start: Array | None = None) -> Iterator[Rig]:
-    """A loop of its own; with MuJoCo, or with an arm that is always where it is told to be."""
+    """A separate loop, with MuJoCo or with an arm that is always at its commanded position."""
     settings = load_settings(None)
     made = Rig(settings, load_robot(settings), simulated=simulated, start=start)
     with np.errstate(all="ignore"):  # as in rtloop's process
@@ -29,6 +29,6 @@ def rig(*, simulated: bool = False, start: Array | None = None) -> Iterator[Rig]
 
 
 def eased(time_s: Array | float, rise_s: float) -> Array:
-    """From 0 to 1 within `rise_s`, continuous to the acceleration."""
+    """A value that rises from 0 to 1 within `rise_s`, with a continuous acceleration."""
     share = np.clip(np.asarray(time_s, float) / rise_s, 0.0, 1.0)
     return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)

@@ -17,7 +17,7 @@ from rtloop.realtime import freeze_garbage, prepare
 
 
 def main() -> None:
-    """Until it is ended, as punctual as rtloop."""
+    """Hold the arm, as punctually as rtloop, until the process is ended."""
     rt = load_settings(None).rt
     channel = UdpClient("127.0.0.1", int(sys.argv[1]))
     rmi = RmiClient("127.0.0.1", int(sys.argv[2]), 5.0, partial(TcpLines, "127.0.0.1"))

@@ -14,7 +14,7 @@ from rtloop.realtime import freeze_garbage, prepare
 
 
 def main() -> None:
-    """Until it is ended, as punctual as rtloop."""
+    """Hold the arm, as punctually as rtloop, until the process is ended."""
     robot = pylibfranka.Robot(sys.argv[1], pylibfranka.RealtimeConfig.kIgnore)
     held = pylibfranka.JointPositions(list(robot.read_once().q_d))
     rt = load_settings(None).rt

@@ -13,7 +13,7 @@ from rtloop.realtime import freeze_garbage, prepare
 
 
 def main() -> None:
-    """Until it is ended, as punctual as rtloop."""
+    """Echo the interpolator's positions, as punctually as rtloop, until the process is ended."""
     rt = load_settings(None).rt
     prepare(rt.priority, rt.cpu, rt.cpu_latency_us)
     freeze_garbage()

@@ -28,7 +28,7 @@ SWING_RAD, RATE_RAD_S = 0.2, 1.0
 
 
 def echo(port: int) -> None:
-    """Answer for ever."""
+    """Answer telegrams until the process is ended."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
         client.bind(("127.0.0.1", port))
         while True:
@@ -38,7 +38,9 @@ def echo(port: int) -> None:
 
 
 def drive(config: Path) -> None:
-    """Answer for ever: what rtloop asks of the backend in each cycle, with a motion that does not end."""
+    """Answer telegrams until the process is ended. Each cycle makes the same calls to the backend as rtloop,
+    during a motion that does not end.
+    """
     settings = load_settings(config)
     robot = load_robot(settings)
     backend, measured = RsiBackend(settings, robot.limits), Measured(robot.limits.dof)

@@ -17,7 +17,7 @@ from rtloop.realtime import freeze_garbage, prepare
 
 
 def main() -> None:
-    """Until it is ended, as punctual as rtloop."""
+    """Repeat the target, as punctually as rtloop, until the process is ended."""
     settings = load_settings(Path(sys.argv[1]))
     backend = UrBackend(settings, load_robot(settings).limits)
     backend.open(np.zeros(6))

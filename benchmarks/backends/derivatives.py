@@ -1,4 +1,6 @@
-"""Derivatives of what devices are sent in planned motions, as shares of the limits in joint_limits.yaml."""
+"""Derivatives of the commands that devices receive in planned motions, as fractions of the limits in
+joint_limits.yaml.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,7 @@ COLUMNS = ("velocity", "acceleration", "jerk")
 
 
 def commands_row(name: str, settings: Settings, kind: str) -> Row:
-    """Of the commands in each cycle, at half the joints' limits: the contract's motion."""
+    """The row for the commands in each cycle of the contract's motion, at half the joints' limits."""
     cell = cell_for(settings, kind)
     with cell.drive() as driver:
         for _ in range(MOVES):
@@ -35,8 +37,10 @@ def commands_row(name: str, settings: Settings, kind: str) -> Row:
 
 
 def goals_row(motions: int) -> Row:
-    """Of whole motions at full speed, as a joint trajectory controller interpolates their points: by quintics
-    between positions, velocities and accelerations, at times in nanoseconds."""
+    """The row for whole motions at full speed, in the form in which a joint trajectory controller
+    interpolates their points: quintics through positions, velocities and accelerations, at times in
+    nanoseconds.
+    """
     robot = load_robot(load_settings(None))
     shares = []
     for path in _paths(robot, motions):
@@ -49,7 +53,7 @@ def goals_row(motions: int) -> Row:
 
 
 def _paths(robot: RobotDescription, count: int) -> Iterator[Trajectory]:
-    """`count` motions by ptp and as many by lin."""
+    """`count` ptp motions, and the same number of lin motions."""
     random, limits = np.random.default_rng(7), robot.limits
     home = np.array(robot.positions["home"].joints)
     for planner in (PlannerName.PTP, PlannerName.LIN):

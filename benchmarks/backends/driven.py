@@ -42,12 +42,12 @@ class Controller(Protocol):
     """A simulated controller in another process."""
 
     def ask(self, **request: Any) -> dict[str, Any]:
-        """Change its behaviour, and read its state."""
+        """Change the controller's behaviour, and read its state."""
         ...
 
 
 class Driven:
-    """A service whose arm a simulated controller has.
+    """A service that controls an arm of a simulated controller.
 
     Attributes:
         name: the protocol, for the table.
@@ -104,7 +104,7 @@ class Driven:
         fault: Request = LOSS,
         end: Request = NO_LOSS,
     ) -> Row:
-        """How many of these moves arrive with a fault of the network."""
+        """The row with the number of motions that reach their goal in spite of a network fault."""
         self.controller.ask(**fault)
         arrived = 0
         for number in range(moves):
@@ -132,7 +132,8 @@ class Driven:
         until: str,
         takes_commands: Callable[[dict[str, Any]], bool] | float,
     ) -> Row:
-        """From the end of a fault until the arm can be moved; a reset is repeated until it succeeds.
+        """The row with the time from the end of a fault until the arm can be moved. The reset is repeated
+        until it succeeds.
 
         Args:
             until: the end of the controller's own part, for the table.
@@ -182,7 +183,9 @@ class Driven:
 
     @contextlib.contextmanager
     def _moving(self) -> Iterator[None]:
-        """A motion has begun before the block, and has ended after it."""
+        """Context manager that runs its block while a motion is running, and waits for the end of the
+        motion.
+        """
         here = self.run.joints()
         goal = max(self._goals, key=lambda joints: math.dist(joints, here))
         thread = threading.Thread(target=self._move, args=(goal, self._fault_speed))
@@ -228,7 +231,9 @@ def counted(before: dict[str, Any], after: dict[str, Any], key: str) -> tuple[in
 
 
 def floor_of(controller: Controller, key: str, answers: int, period_ms: int) -> tuple[Times, float]:
-    """Times of the least client, which is running, and the fraction of packets without an answer in time."""
+    """The times of the minimal client, which is running, and the fraction of packets that it does not answer
+    in time.
+    """
     deadline_s = time.monotonic() + WAIT_S
     while controller.ask()["answers"] < WARM and time.monotonic() < deadline_s:
         time.sleep(0.1)
@@ -243,7 +248,7 @@ def floor_of(controller: Controller, key: str, answers: int, period_ms: int) -> 
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """The protocol's words for the table.
+    """The words for the protocol in the table.
 
     Attributes:
         packet, answer: for a packet of the controller, and for the answer to it.

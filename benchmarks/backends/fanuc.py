@@ -53,7 +53,9 @@ FAULTS: Faults = {
 
 
 def fanuc(answers: int, moves: int, repetitions: int) -> Iterator[Row]:
-    """Answers in motion at each period, beside an echo; then losses, derivatives, and recoveries."""
+    """Answer times during motion at each period, next to those of an echo; then lost packets, derivatives and
+    recoveries.
+    """
     with tempfile.TemporaryDirectory(prefix="cobot-bench-") as folder:
         arm = crx_folder(Path(folder)) / SETTINGS_FILE
         for period_ms in PERIODS_MS:
@@ -70,7 +72,7 @@ def fanuc(answers: int, moves: int, repetitions: int) -> Iterator[Row]:
 
 @contextlib.contextmanager
 def robot(arm: Path, period_ms: int) -> Iterator[Driven]:
-    """A controller without patience, and the service."""
+    """A controller that does not wait for late answers, and the service."""
     with (
         tempfile.TemporaryDirectory(prefix="cobot-bench-") as folder,
         _punctual(arm, period_ms) as controller,
@@ -82,7 +84,7 @@ def robot(arm: Path, period_ms: int) -> Iterator[Driven]:
 
 
 def _punctual(arm: Path, period_ms: int) -> ControllerProcess:
-    """A controller that waits for no late answer."""
+    """A controller that does not wait for late answers."""
     return ControllerProcess(arm, "--priority", str(PRIORITY), period_ms=period_ms, patience_s=0.0)
 
 

@@ -1,4 +1,4 @@
-"""Franka: how old a state is when the command that answers it arrives, with the whole cycle behind it."""
+"""Franka: the age of a state when the command that answers it arrives, including the whole cycle."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ NEEDED = ("pylibfranka", "franky_sim")
 
 
 def franka(answers: int) -> Iterator[Row]:
-    """Against franky-sim, of which each state waits for its answer; the arm moves meanwhile."""
+    """Measure with franky-sim, which waits for the answer to each state. The arm moves during the
+    measurement.
+    """
     missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
     if missing:
         print(f"franka: {missing[0]} is not installed")
@@ -48,7 +50,7 @@ def franka(answers: int) -> Iterator[Row]:
 
 
 def _ages(simulator: FrankySimulator, answers: int) -> tuple[float, float, float]:
-    """µs of so many at least."""
+    """At least this number of ages, µs."""
     deadline_s = time.monotonic() + WAIT_S
     while (told := simulator.ask())["answers"] < answers and time.monotonic() < deadline_s:
         time.sleep(0.1)

@@ -45,7 +45,7 @@ FAULTS: Faults = {
 
 @contextlib.contextmanager
 def robot(period_ms: int) -> Iterator[Driven]:
-    """A cabinet without patience, and the service."""
+    """A cabinet that does not wait for late answers, and the service."""
     with (
         tempfile.TemporaryDirectory(prefix="cobot-bench-") as folder,
         CabinetProcess("--priority", str(PRIORITY), period_ms=period_ms, patience_s=0.0) as cabinet,
@@ -55,7 +55,9 @@ def robot(period_ms: int) -> Iterator[Driven]:
 
 
 def fri(answers: int, moves: int, repetitions: int) -> Iterator[Row]:
-    """Derivatives; answers at each period in motion, alone and beside two busy loops; losses, recoveries."""
+    """Derivatives; answer times during motion at each period, alone and next to two busy loops; lost packets,
+    recoveries.
+    """
     yield commands_row("FRI: commands that the cabinet is sent", load_settings(), "fri")
     for period_ms in PERIODS_MS:
         for loops in (0, 2):

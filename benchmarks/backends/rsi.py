@@ -44,7 +44,9 @@ FAULTS: Faults = {
 
 
 def rsi(answers: int, moves: int, repetitions: int) -> Iterator[Row]:
-    """Answers as fast as the controller sends; then moves under loss, recoveries, and derivatives."""
+    """Answer times at the controller's largest rate; then moves with lost packets, recoveries, and
+    derivatives.
+    """
     with tempfile.TemporaryDirectory(prefix="cobot-bench-") as folder:
         yield from _answer_rows(Path(folder), answers)
         config = Path(folder) / "kr10" / "cobot-setting.yaml"
@@ -94,7 +96,7 @@ def _answer_rows(folder: Path, answers: int) -> Iterator[Row]:
 
 
 def _controller(config: Path) -> RsiController:
-    """Of which each period is one telegram: an arm without dynamics would answer no faster."""
+    """A controller that sends one telegram per period. An arm without dynamics would not answer faster."""
     settings = load_settings(config)
     robot = load_robot(settings)
     start = np.array(robot.positions[settings.robot.start_position].joints)
@@ -102,7 +104,7 @@ def _controller(config: Path) -> RsiController:
 
 
 def _answer_times(controller: RsiController, port: int, answers: int) -> list[float]:
-    """µs from sending a telegram to the arrival of its answer; infinite for a lost one."""
+    """Times from sending a telegram to the arrival of its answer, µs; infinite for a lost telegram."""
     took: list[float] = []
     deadline_s = time.monotonic() + WAIT_S
     with _priority(), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
@@ -133,7 +135,9 @@ def _answer_times(controller: RsiController, port: int, answers: int) -> list[fl
 
 @contextlib.contextmanager
 def _priority() -> Iterator[None]:
-    """Let this process, which is the controller, come before its client. Its children keep their own."""
+    """Give this process, which simulates the controller, a higher priority than its client. Its children keep
+    their own priority.
+    """
     os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(PRIORITY))
     try:
         yield

@@ -48,7 +48,7 @@ FAULTS: Faults = {
 
 @contextlib.contextmanager
 def robot(period_ms: int) -> Iterator[Driven]:
-    """A controller without patience, and the service."""
+    """A controller that does not wait for late answers, and the service."""
     with tempfile.TemporaryDirectory(prefix="cobot-bench-") as folder:
         arm = ur_folder(Path(folder)) / SETTINGS_FILE
         with ControllerProcess(arm, "--priority", str(PRIORITY), patience_s=0.0) as controller:
@@ -58,7 +58,7 @@ def robot(period_ms: int) -> Iterator[Driven]:
 
 
 def ur(answers: int, moves: int, repetitions: int) -> Iterator[Row]:
-    """Derivatives, commands at two periods in motion, packages left out, late commands, and recoveries."""
+    """Derivatives, commands during motion at two periods, lost packages, late commands, and recoveries."""
     with tempfile.TemporaryDirectory(prefix="cobot-bench-") as folder:
         settings = load_settings(ur_folder(Path(folder)) / SETTINGS_FILE)
         yield commands_row("Universal Robots: commands that the controller is sent", settings, "ur")

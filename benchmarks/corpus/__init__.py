@@ -32,7 +32,9 @@ SUMMARY = (
 
 
 def main(words: Sequence[str]) -> int:
-    """Prints the table; 1 if a description was treated otherwise than expected, or an arm failed to move."""
+    """Print the table. Returns 1 if the outcome for a description is not the expected one, or if an arm has
+    failed to move.
+    """
     parser = argparse.ArgumentParser(prog="python -m benchmarks corpus", description=__doc__)
     parser.add_argument("--only", default="", metavar="TEXT", help="descriptions whose name contains it")
     parser.add_argument("--kind", choices=("real", "made"), help="without it: both")
@@ -54,7 +56,9 @@ def main(words: Sequence[str]) -> int:
 
 
 def _examined(chosen: list[Description], folder: Path, processes: int, *, move: bool) -> list[Outcome]:
-    """Each outcome is written to the folder when it is known, because the whole corpus takes hours."""
+    """Examine the descriptions. Each outcome is written to the folder as soon as it is known, because the
+    whole corpus takes hours.
+    """
     outcomes = []
     with (folder / "outcomes.jsonl").open("a", encoding="utf-8") as written:
         for outcome in examine_all(chosen, folder / "robots", processes, move=move):
@@ -87,7 +91,7 @@ def _report(descriptions: list[Description], outcomes: list[Outcome], *, moved: 
 
 
 def _failure(description: Description, outcome: Outcome, *, moved: bool) -> str:
-    """What is not as expected; "" if all is."""
+    """The difference from the expected outcome; "" if there is none."""
     if outcome.conversion == REFUSED and description.refused is not None:
         return (
             ""

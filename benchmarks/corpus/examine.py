@@ -31,7 +31,7 @@ CONVERTED, REFUSED, CRASHED, HUNG = "converted", "refused", "crashed", "hung"
 
 @dataclass(slots=True)
 class Outcome:
-    """What became of a description.
+    """The outcome for one description.
 
     Attributes:
         conversion: one of CONVERTED, REFUSED, CRASHED, HUNG.
@@ -104,7 +104,7 @@ def examine(file: Path, folder: Path, options: list[str], *, move: bool) -> Outc
 
 
 def _run(*words: str) -> tuple[str, str]:
-    """The exit status of a command of cobot, or CRASHED, and all that it printed."""
+    """Run a command of cobot. Returns its exit status or CRASHED, and everything that it has printed."""
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
         try:

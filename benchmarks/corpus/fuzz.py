@@ -1,4 +1,4 @@
-"""`python -m benchmarks corpus --fuzz N`: robot descriptions that are broken at random.
+"""`python -m benchmarks corpus --fuzz N`: robot descriptions with random errors.
 
 Real files and made ones are changed in bytes, numbers, attributes and elements. `cobot new-robot` must make a
 robot of each, or refuse it with one sentence that begins with the file. Each file has a process of its own,
@@ -45,7 +45,7 @@ VALUES = (
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What `cobot new-robot` made of a file; `wrong` is "" if it was as it must be."""
+    """The result of `cobot new-robot` for a file. `wrong` is "" if the result is acceptable."""
 
     name: str
     ended: str
@@ -55,7 +55,9 @@ class Result:
 
 
 def sources(folder: Path) -> list[Path]:
-    """Files to break that the tests have: made ones, of installed packages, and of the repository."""
+    """Files that the tests contain, to be broken: generated files, files of installed packages, and files of
+    this repository.
+    """
     import franky_sim
     import gymnasium
 
@@ -72,7 +74,8 @@ def sources(folder: Path) -> list[Path]:
 
 
 def _of_corpus(folder: Path) -> Iterator[Path]:
-    """Those of the corpus that have joints, if it is installed.
+    """The files of the corpus that have joints, if the corpus is installed. Meshes are replaced by spheres,
+    because a broken file is in a different folder.
 
     Meshes become spheres, because a broken file is in another folder.
     """
@@ -88,7 +91,7 @@ def _of_corpus(folder: Path) -> Iterator[Path]:
 
 
 def broken(content: bytes, chance: Random) -> bytes:
-    """A file with one to three changes."""
+    """A copy of a file with one to three random changes."""
     for _ in range(chance.choice((1, 1, 1, 2, 3))):
         content = chance.choice(CHANGES)(content, chance)
     return content
@@ -106,7 +109,7 @@ def _cut(content: bytes, chance: Random) -> bytes:
 
 
 def _in_tree(change: Callable[[Element, Random], None]) -> Callable[[bytes, Random], bytes]:
-    """A change of the parsed file; what is not XML any more stays as it is."""
+    """Change the parsed file. A file that is no longer XML stays as it is."""
 
     def changed(content: bytes, chance: Random) -> bytes:
         try:
@@ -170,7 +173,7 @@ def _remove_element(root: Element, chance: Random) -> None:
 
 
 def _copy_element(root: Element, chance: Random) -> None:
-    """Into itself at times, some levels deep."""
+    """Copy an element to a random place, sometimes several levels deep into itself."""
     every = list(root.iter())
     element = chance.choice(every)
     copied = ElementTree.fromstring(ElementTree.tostring(element))
@@ -193,7 +196,7 @@ CHANGES: tuple[Callable[[bytes, Random], bytes], ...] = (
 
 
 def judge(code: int, said: str, file: Path, robot: Path) -> str:
-    """What is wrong with how `cobot new-robot` ended; "" for nothing."""
+    """The problem with the result of `cobot new-robot`; "" if there is none."""
     if code not in (0, 1):
         return f"exit status {code}"
     if robot.exists() != (code == 0):
@@ -207,7 +210,9 @@ def judge(code: int, said: str, file: Path, robot: Path) -> str:
 
 
 def broken_files(files: list[Path], folder: Path, count: int, seed: int) -> Iterator[Path]:
-    """Writes each when it is asked for; a seed always gives the same files."""
+    """Yield broken files, each of which is written when it is requested. The same seed always gives the same
+    files.
+    """
     for number in range(count):
         chance = Random(f"{seed} {number}")
         source = chance.choice(files)
@@ -217,7 +222,7 @@ def broken_files(files: list[Path], folder: Path, count: int, seed: int) -> Iter
 
 
 def run(count: int, seed: int = 0) -> int:
-    """Prints what was found; 1 if anything was not as it must be."""
+    """Print the results. Returns 1 if any result is not acceptable."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         files = [*sources(folder / "made"), *_of_corpus(folder / "real")]
@@ -250,7 +255,7 @@ def _report(results: list[Result], files: int) -> None:
 
 
 def _apart(file: Path, robot: Path) -> Result:
-    """In a process that is forked, so that its imports are there already."""
+    """Run a function in a forked process, which does not have to import the libraries again."""
     began = time.monotonic()
     with tempfile.TemporaryFile() as said, tempfile.TemporaryDirectory(dir=robot.parent) as place:
         robot = Path(place) / "robot"

@@ -49,7 +49,7 @@ class Link:
     mass_kg: float
 
     def point(self, share: float) -> str:
-        """A point on the tube's axis, as an origin; 1 is its end."""
+        """A point on the tube's axis, as an origin. 1 is the end of the tube."""
         along = f"{share * self.length_m:.6g}"
         return f"{along} 0 0" if self.flat else f"0 0 {along}"
 
@@ -65,7 +65,7 @@ class Link:
 
     @property
     def shape(self) -> str:
-        """Somewhat shorter than the link, so that neighbours do not touch."""
+        """The shape of the link. It is a little shorter than the link, so that neighbours do not touch."""
         length = max(0.2 * self.length_m, self.length_m - 2.5 * self.radius_m)
         geometry = f'<geometry><cylinder radius="{self.radius_m:.6g}" length="{length:.6g}"/></geometry>'
         turn = f"0 {np.pi / 2.0!r} 0" if self.flat else "0 0 0"
@@ -81,7 +81,7 @@ class RandomArm:
     rng: np.random.Generator
 
     def text(self) -> str:
-        """The URDF, with joints named as makers do."""
+        """The text of the URDF, with joint names such as robot makers use."""
         links = self._links()
         style = self._choose("joint{}", "arm_joint_{}", "left arm/joint {}", "J{}", "shoulder_{}_joint")
         mounting = self._choose(*MOUNTINGS) if self.rng.random() < 0.4 else MOUNTINGS[0]
@@ -122,7 +122,9 @@ class RandomArm:
         ]
 
     def _limit(self, joint: str, outer: list[Link]) -> str:
-        """Efforts hold the arm stretched out, with a reserve; some files have none."""
+        """The limits of a joint. The efforts hold the stretched arm with a reserve. Some files have no
+        efforts.
+        """
         reach, held = self._load(outer)
         reserve = self.rng.uniform(1.6, 5.0)
         effort = 0.0 if self.rng.random() < 0.1 else reserve * held * (reach if joint == TURN else 1.0)
@@ -166,7 +168,7 @@ def leave_namespace(text: str) -> bytes:
 
 
 def turn_without_end(text: str) -> bytes:
-    """The last joint turns without limits."""
+    """Make the last joint continuous."""
     head, _, tail = text.rpartition('type="revolute"')
     return (f'{head}type="continuous"{tail}' if head else text).encode()
 
@@ -181,7 +183,7 @@ SPELLINGS: tuple[Callable[[str], bytes], ...] = (
 
 
 def made_descriptions(folder: Path, count: int = COUNT, seed: int = SEED) -> Iterator[Description]:
-    """Writes the files into a folder; a seed always gives the same files."""
+    """Write the files to a folder. The same seed always gives the same files."""
     folder.mkdir(parents=True, exist_ok=True)
     for number in range(count):
         rng = np.random.default_rng((seed, number))

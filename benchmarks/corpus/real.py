@@ -65,7 +65,7 @@ def installed() -> bool:
 
 
 def real_descriptions(folder: Path) -> Iterator[Description]:
-    """Every URDF and every arm in MJCF of the environment.
+    """Every URDF and every arm in MJCF form in the environment.
 
     Args:
         folder: for links to packages and for expanded files; kept between runs.
@@ -95,7 +95,7 @@ def _name(file: Path, site: Path) -> str:
 
 
 def _link_packages(site: Path, links: Path) -> Path:
-    """A folder in which each `package://NAME/` of the corpus is found."""
+    """Make a folder that contains a link for each `package://NAME/` in the corpus."""
     links.mkdir(parents=True, exist_ok=True)
     rtb = site / "rtbdata" / "xacro"
     folders = {folder.name: folder for folder in rtb.iterdir()}
@@ -113,7 +113,9 @@ def _link_packages(site: Path, links: Path) -> Path:
 
 
 def _expand(site: Path, packages: Path, folder: Path) -> dict[str, Path]:
-    """Xacro files that name a robot, as URDF, without those that xacro itself cannot read."""
+    """Convert the xacro files that define a robot to URDF. Files that xacro itself cannot read are
+    left out.
+    """
     index = folder / "index" / "ament_index_python"
     index.mkdir(parents=True, exist_ok=True)
     (index / "__init__.py").write_text("")

@@ -1,4 +1,4 @@
-"""The simulated cell: what a cycle costs with it, and whether a grasp survives transports at full speed."""
+"""The simulated cell: its cost per cycle, and whether a grasp survives transports at full speed."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ PARTS = ("cube", "can")
 
 
 def step(slices: int, cycles: int) -> Iterator[Row]:
-    """One step of the simulation with a held part and two at rest, in slices that alternate with the bare
-    arm's.
+    """Time of one step of the simulation with one held part and two parts at rest, in slices that alternate
+    with those of the bare arm.
     """
     settings = load_settings(None)
     held = CellArm(settings, load_robot(settings), EXAMPLE)
@@ -58,7 +58,9 @@ def _steps_us(backend: Any, command: Array, cycles: int) -> list[float]:
 
 
 def transports(count: int) -> Iterator[Row]:
-    """Random ptp motions at full speed with a part held by 40 N: how far it has moved in the hand."""
+    """Random ptp motions at full speed with a part that is held with 40 N: the distance by which the part
+    slips in the hand.
+    """
     settings = load_settings(None)
     rng = np.random.default_rng(28)
     for part in PARTS:

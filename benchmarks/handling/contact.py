@@ -1,4 +1,5 @@
-"""Motion until contact: how far the arm goes on after a contact, and what free motions feel.
+"""Motion until contact: how far the arm continues after a contact, and which forces a free motion appears to
+have.
 
 The oracle of a braking distance is Ruckig's fastest stop: of each joint, or of the path time within the
 joints' limits, which numpy checks. The wall is a body in MuJoCo, and its oracle is MuJoCo's contact force.
@@ -71,7 +72,7 @@ class Stop:
 
 
 def contact(approaches: int) -> Iterator[Row]:
-    """Approaches to a wall in MuJoCo: how much further than necessary the TCP is commanded."""
+    """Approaches to a wall in MuJoCo: how much further than necessary the commanded TCP moves."""
     for fast in (True, False):
         found = [approach(seed, fast) for seed in range(approaches)]
         stops = [stop for stop in found if stop.met]
@@ -133,7 +134,7 @@ def approach(seed: int, fast: bool) -> Stop:
 def _way(
     robot: RobotDescription, random: np.random.Generator, speed_m_s: float
 ) -> tuple[Trajectory, Array, dict[str, object]]:
-    """A straight way that the arm can go, where it begins, and the wall in its middle."""
+    """A straight TCP path that the arm can follow, its start, and the wall in its middle."""
     home = np.array(robot.positions["home"].joints)
     while True:
         position = np.array([random.uniform(*bounds) for bounds in PLACES_M])
@@ -164,7 +165,9 @@ def _way(
 
 
 def _contact_force(backend: CellBackend) -> float:
-    """Resultant of all contacts in MuJoCo, friction included, N. Only the tool touches the wall."""
+    """The resultant force of all contacts in MuJoCo, including friction, N. Only the tool touches the
+    wall.
+    """
     data, force, total = backend._plant_data, np.zeros(6), np.zeros(3)
     for index in range(data.ncon):
         mujoco.mj_contactForce(backend.plant.mj, data, index, force)
@@ -202,7 +205,7 @@ def _judged(
 
 
 def free_motions(motions: int) -> Iterator[Row]:
-    """What free motions with a payload show at most, from their start on.
+    """The largest forces that free motions with a payload appear to have, from their start.
 
     The simulation's model of itself is exact, so a declared payload shows errors of ours, and none of a real
     arm's model. The payload that is not declared is a hand of the cell, of which the arm does not know.
@@ -224,7 +227,7 @@ def free_motions(motions: int) -> Iterator[Row]:
 
 
 def _shown(seed: int, undeclared: bool) -> tuple[tuple[float, float, float], int]:
-    """The most that a motion shows, and how many goals before it cannot be planned."""
+    """The largest value that a motion shows, and the number of goals before it that could not be planned."""
     random = np.random.default_rng(seed)
     settings = load_settings(None)
     robot = load_robot(settings)
@@ -252,7 +255,7 @@ def _shown(seed: int, undeclared: bool) -> tuple[tuple[float, float, float], int
 
 
 def _free_motion(robot: RobotDescription, home: Array, random: np.random.Generator) -> tuple[Trajectory, int]:
-    """A random motion, and how many goals before it cannot be planned."""
+    """A random motion, and the number of goals before it that could not be planned."""
     left_out = 0
     while True:
         goal = home + random.uniform(-0.9, 0.9, robot.limits.dof)
@@ -272,7 +275,7 @@ def _with_hand(settings: Settings, robot: RobotDescription) -> Backend:
 
 
 def _backend(settings: Settings, robot: RobotDescription, cell: dict[str, object]) -> CellBackend:
-    """The simulation with a cell without a floor."""
+    """The simulation with a cell that has no floor."""
     with tempfile.TemporaryDirectory() as folder:
         file = write_cell(Path(folder), {"floor_m": None, **cell})
         return make_backend(with_cell(settings, file), robot.limits)

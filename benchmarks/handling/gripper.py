@@ -1,4 +1,4 @@
-"""How soon a gripper's device has a command, and what a cycle costs while arm and gripper work.
+"""The time until a gripper's device has a command, and the cost of a cycle while arm and gripper work.
 
 A command is measured from the request over HTTP until the device takes it.
 What comes then is the device's own time: the fingers of both simulated grippers begin to move, or to brake,
@@ -59,7 +59,7 @@ Told = Callable[[], object]
 
 
 def gripper(commands: int) -> Iterator[Row]:
-    """Moves and stops of both grippers, and the round trips of a bare service beside them."""
+    """Moves and stops of both grippers, and the round trips of a bare service next to them."""
     with tempfile.TemporaryDirectory() as folder, background("benchmarks.web.bare") as bare:
         with Connection(address(bare)) as peer:
             floor = percentiles([_round_trip_ms(peer) for _ in range(10 * commands)])
@@ -121,7 +121,7 @@ def _of_hand(folder: Path, commands: int) -> dict[str, list[float]]:
 
 
 def _width_output(memory: RobotMemory) -> float:
-    """The width that the plant has been told, m."""
+    """The width that the plant has received, m."""
     while not memory.io.try_read():
         time.sleep(POLL_S)
     return next(each.value for each in report_of(memory.io.data).points if each.name == f"{HAND}.width")
@@ -166,7 +166,7 @@ def _measured(run: Run, told: Told, commands: int) -> dict[str, list[float]]:
 
 
 def _delay_ms(told: Told, command: Callable[[], object]) -> float:
-    """Time from the beginning of a command until the device has it, which is before it is answered, ms."""
+    """Time from the beginning of a command until the device has it, ms. The command is answered later."""
     before = told()
     begin_s = time.monotonic()
     sent = threading.Thread(target=command)

@@ -57,7 +57,7 @@ class Insertion:
 
 
 def insertions(count: int) -> Iterator[Row]:
-    """Grasp the peg, and insert it from above the hole with random offsets."""
+    """Grasp the peg, then insert it, starting above the hole with random offsets."""
     random = np.random.default_rng(28)
     with (
         tempfile.TemporaryDirectory() as folder,
@@ -96,7 +96,7 @@ def _insert(run: ServiceOfPlant, off: Array, lean: Array) -> Insertion:
 
 
 def _grasp(run: ServiceOfPlant) -> None:
-    """Have the peg back at its place, and in the hand."""
+    """Put the peg back in its place, and grasp it."""
     _do(run, "/robot/gripper/release", {})
     run.go_home()
     run.post("/cell/reset").raise_for_status()
@@ -113,7 +113,7 @@ def _do(run: ServiceOfPlant, path: str, body: dict[str, Any]) -> None:
 
 
 def _end_of_peg(run: ServiceOfPlant) -> Array:
-    """Of the body in MuJoCo, in the base frame, which is the world here."""
+    """The position of the peg's end according to MuJoCo, in the base frame, which is the world frame here."""
     body, data = run.plant.plant.parts[0], run.plant._plant_data
     down: Array = data.xpos[body] - HALF_PEG_M * data.xmat[body].reshape(3, 3)[:, 2]
     return down

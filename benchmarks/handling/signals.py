@@ -39,7 +39,7 @@ cycle and the next one are right."""
 
 
 def actions(places: int) -> Iterator[Row]:
-    """In which cycle outputs on the path are set, at random places, speeds, overrides and pauses."""
+    """The cycles in which outputs on the path are set, for random places, speeds, overrides and pauses."""
     off: list[int] = []
     seed = 0
     while len(off) < places:
@@ -70,7 +70,9 @@ def _row(what: str, off: list[int], oracle: str) -> Row:
 
 
 def _fired_in_the_queue(run: WiredService, seed: int) -> list[int]:
-    """By how many cycles each action of two random motions that blend was off."""
+    """For each action of two random motions that blend: the error of the time at which it fired, in
+    cycles.
+    """
     random = np.random.default_rng(seed)
     run.go_home()
     run.arm.wire()
@@ -101,7 +103,7 @@ def _off(lengths_m: Array, cycle: int, place_m: float) -> int:
 
 
 def _fired(seed: int) -> list[int]:
-    """By how many cycles each action of a random motion was off."""
+    """For each action of a random motion: the error of the time at which it fired, in cycles."""
     random = np.random.default_rng(seed)
     settings = load_settings(None)
     robot = load_robot(settings)
@@ -142,7 +144,7 @@ def _settings_at(places_s: Array) -> Placed:
 
 
 def _cycle(motion: Trajectory, commanded: Array, place_s: float) -> int:
-    """The first command that has reached a place: joint 1 moves in one direction only."""
+    """The cycle of the first command that has reached a place. Joint 1 moves in only one direction."""
     sign = np.sign(motion.end[0] - motion.start[0])
     there = motion.sample([place_s])[0, 0]
     return int(np.argmax(sign * (commanded[:, 0] - there) >= -1e-12))

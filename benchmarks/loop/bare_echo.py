@@ -24,7 +24,7 @@ PAGE = 4096
 
 
 def mapped(path: str) -> tuple[Block, Block]:
-    """Question and answer in a file, which is made as long as it has to be."""
+    """The question and the answer in a file, which is created with the required size."""
     descriptor = os.open(path, os.O_RDWR)
     try:
         os.ftruncate(descriptor, 2 * PAGE)

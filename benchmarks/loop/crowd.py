@@ -1,4 +1,6 @@
-"""Three robots beside two busy loops on one computer: what is late, and whether our cycles made it so."""
+"""Three robots next to two busy loops on one computer: which cycles are late, and whether cobot's cycles are
+the cause.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ COLUMNS = ("cycles that computed 1 ms or more, of a million", "longest, ms")
 
 
 def crowd(duration_s: float) -> Iterator[Row]:
-    """At rest, for so long; then a bare loop beside the same two busy loops, a sixth of that."""
+    """Measure at rest for this time, then measure a bare loop next to the same two busy loops for a sixth of
+    this time.
+    """
     third = unique_name()
     with (
         tempfile.TemporaryDirectory(prefix="cobot-bench-") as folder,

@@ -1,4 +1,4 @@
-"""The 1 kHz cycle: how long it computes, and how late it begins."""
+"""The 1 kHz cycle: its computing time, and how late it begins."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def compute(slices: int, slice_s: float) -> Iterator[Row]:
 
 
 def wake_up(slices: int, slice_s: float) -> Iterator[Row]:
-    """How late cycles begin, in slices that alternate with cyclictest's at the same priority."""
+    """Delays of cycles, in slices that alternate with those of cyclictest at the same priority."""
     if shutil.which(CYCLICTEST[0]) is None:
         print("wake-up: cyclictest is not installed (Debian: rt-tests)")
         return
@@ -101,7 +101,7 @@ def bare_cycles_us(duration_s: float) -> list[float]:
 
 @contextlib.contextmanager
 def stopped(run: Run) -> Iterator[None]:
-    """rtloop takes no time while the context lasts: its floor is measured."""
+    """Context manager during which rtloop is suspended, so that its floor can be measured."""
     child = run.child("rtloop")
     assert child is not None
     child.suspend()
@@ -112,7 +112,7 @@ def stopped(run: Run) -> Iterator[None]:
 
 
 class Moving:
-    """Keeps the arm moving between two positions, whatever becomes of single motions.
+    """Keeps the arm moving between two positions, even if single motions fail.
 
     Args:
         how: more fields of each motion.

@@ -1,4 +1,4 @@
-"""The update phase without sleep: what the controller computes when its caches are warm, in each mode."""
+"""The update phase without sleep: computing time of the controller with warm caches, in each mode."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Feed = Callable[[Rig, float], None]
 
 
 def hot(repetitions: int) -> Iterator[Row]:
-    """Each mode's update, in µs, beside one update of Ruckig for seven joints."""
+    """Time of one update in each mode, µs, next to one update of Ruckig for seven joints."""
     floor = _ruckig_us()
     for name, begin in MODES.items():
         counts = np.zeros(HISTOGRAM_BUCKETS, np.int64)
@@ -49,7 +49,7 @@ def hot(repetitions: int) -> Iterator[Row]:
 
 
 def _update_counts(arm: Rig) -> np.ndarray:
-    """What has been published: exact after each `STATISTICS_CYCLES`."""
+    """The published counts. They are exact after every `STATISTICS_CYCLES`."""
     counts: np.ndarray = histograms(arm.memory)[Phase.UPDATE]
     return counts
 

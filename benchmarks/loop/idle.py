@@ -1,4 +1,4 @@
-"""What an rtloop costs while its arm is at rest: of a core, and of memory."""
+"""The cost of rtloop while its arm is at rest: its share of a core, and its memory."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ BUSY = "while True: pass"
 
 
 def idle(slice_s: float) -> Iterator[Row]:
-    """HOLD, in slices that alternate with a bare loop's: alone, and beside two busy loops."""
+    """Measure the mode HOLD, in slices that alternate with those of a bare loop: alone, and next to two busy
+    loops.
+    """
     with service() as run:
         memory = reader(run)
         process = run.child("rtloop")
@@ -46,7 +48,7 @@ def idle(slice_s: float) -> Iterator[Row]:
 
 
 def _share(process: psutil.Process, duration_s: float) -> float:
-    """Of a core, user and system time."""
+    """The share of a core that is used, user and system time together."""
     begun, begun_s = process.cpu_times(), time.monotonic()
     time.sleep(duration_s)
     now, now_s = process.cpu_times(), time.monotonic()

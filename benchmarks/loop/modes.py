@@ -33,7 +33,7 @@ Feed = Callable[[float], None]
 
 
 class Streamer:
-    """Streams at 100 Hz from a thread, in a session that begins with the context and ends with it."""
+    """Streams at 100 Hz from a thread. The session begins and ends with the context."""
 
     def __init__(self, run: Run, begin: Callable[[Robot], tuple[Control[Any], Feed]]) -> None:
         self._robot = Robot(run.memory.name.removeprefix("cobot-"), verbose=False)
@@ -79,13 +79,13 @@ def _poses(robot: Robot) -> tuple[Control[Any], Feed]:
 
 
 def _forces(robot: Robot) -> tuple[Control[Any], Feed]:
-    """Free of force along z, in the air: it stays where it is."""
+    """Command zero force along z in free space, where the arm stays in its place."""
     robot.set_force_control_axis([False, False, True, False, False, False])
     return _poses(robot)
 
 
 def _torques(robot: Robot) -> tuple[Control[Any], Feed]:
-    """What swings the first joint to and fro."""
+    """Torques that swing the first joint back and forth."""
     robot.switch_mode(Mode.RT_JOINT_TORQUE)
     control = robot.start_joint_torque_control()
     mass = load_robot(load_settings(None)).model.mass_matrix(np.array(control.get_state().q))
@@ -113,13 +113,13 @@ SESSIONS: dict[str, tuple[LoopMode, Callable[[Robot], tuple[Control[Any], Feed]]
 
 
 def modes(slices: int, slice_s: float) -> Iterator[Row]:
-    """All modes in turn, each with a slice of the bare loop behind it, and again."""
+    """Measure all modes in turn, each followed by a slice of the bare loop, and then all modes again."""
     counts = {name: np.zeros(HISTOGRAM_BUCKETS, np.int64) for name in ("HOLD", "TRAJECTORY", *SESSIONS)}
     missed = dict.fromkeys(counts, 0)
     floor: list[float] = []
 
     def measure(name: str, mode: LoopMode | None) -> None:
-        """A slice of the mode, and one of the floor right behind it."""
+        """Measure a slice of the mode, and immediately afterwards a slice of the floor."""
         time.sleep(WARM_UP_S)
         before, overruns = histograms(memory)[Phase.TOTAL], int(memory.state.read()["overruns"])
         time.sleep(slice_s)
@@ -157,7 +157,7 @@ def modes(slices: int, slice_s: float) -> Iterator[Row]:
 
 
 def go_home(run: Run) -> None:
-    """Also while the arm brakes, because rtloop was silent in the middle of a motion."""
+    """Move home. Works while the arm is still braking because rtloop was silent during a motion."""
     with Client(run.url, motion_timeout_s=30.0) as client:
         client.stop()
         client.move_named("home", speed=0.5)

@@ -1,4 +1,4 @@
-"""What recording costs: a cycle of rtloop, and the process that writes."""
+"""The cost of recording: for a cycle of rtloop, and for the process that writes."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from cobot.robot.description import load_robot
 
 
 def recording(cycles: int, slice_s: float) -> Iterator[Row]:
-    """A cycle with and without a record, in turn; the recorder at rest and while it writes everything; and
-    what its files hold that it has written beside two busy loops.
+    """A cycle with and without recording, in turn; the recorder at rest and while it writes everything; and
+    the share of the cycles that its files contain after it has written next to two busy loops.
     """
     yield _cycle(cycles)
     with service() as run:
@@ -53,8 +53,9 @@ def recording(cycles: int, slice_s: float) -> Iterator[Row]:
 
 
 def _under_load(run: Run, duration_s: float) -> Row:
-    """Beside two busy loops and 32 clients that ask as fast as they are answered, while the arm moves: how
-    many cycles rtloop has counted, and how many there are of each topic, as the library mcap reads the file.
+    """Record while the arm moves next to two busy loops and 32 clients that send requests as fast as
+    possible. Returns the number of cycles that rtloop has counted, and the number of messages of each topic,
+    as the library mcap reads the file.
     """
     load = ("benchmarks.web.load", f"{run.url}/robot/joint_states", "32", "0", str(duration_s + 60.0))
     with (
@@ -128,7 +129,7 @@ def process(run: Run, module: str) -> psutil.Process:
 
 
 def shares(processes: list[psutil.Process], duration_s: float) -> list[float]:
-    """Of a core."""
+    """Shares of a core."""
     before = [sum(process.cpu_times()[:2]) for process in processes]
     time.sleep(duration_s)
     after = [sum(process.cpu_times()[:2]) for process in processes]

@@ -1,4 +1,4 @@
-"""Reads of a block that another process writes without a pause."""
+"""Reads of a block while another process writes it without a pause."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ WORD = 8
 
 
 def torn_reads(reads: int) -> Iterator[Row]:
-    """Records whose words are not all alike, among those that the block accepts and among mere copies."""
+    """The number of records whose words differ, among those that the block accepts, and among plain
+    copies.
+    """
     with tempfile.NamedTemporaryFile(dir=FOLDER, prefix="bench-torn-") as file:
         block = mapped(file.name)
         with background("benchmarks.loop.torn_writer", file.name):

@@ -18,7 +18,7 @@ RECORD = np.dtype([("words", "u8", (state_dtype(7).itemsize // 8,))])
 
 
 def mapped(path: str) -> Block:
-    """The block in a file, which is made as long as it has to be."""
+    """The block in a file, which is created with the required size."""
     descriptor = os.open(path, os.O_RDWR)
     try:
         os.ftruncate(descriptor, Block.size(RECORD))

@@ -1,4 +1,4 @@
-"""How much faster than real time the loop runs with its simulation, when nobody waits for a clock."""
+"""The speed of the loop and its simulation without waiting for a clock, compared with real time."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ COLUMNS = ("median", "slowest", "fastest")
 
 
 def factor(repetitions: int) -> Iterator[Row]:
-    """Robot seconds per second of a planned motion and of a stream, in turn with MuJoCo alone."""
+    """Seconds of robot time per second for a planned motion and for a stream, in turn with MuJoCo alone."""
     planned, streamed, bare = [], [], []
     for _ in range(repetitions):
         planned.append(_planned())

@@ -1,4 +1,4 @@
-"""How long the service takes to lead a running motion around an object that appears in its path.
+"""The time that the service needs to lead a running motion around an object that appears in its path.
 
 From the client's call that adds the object until it has the answer, and until the real-time loop has accepted
 the new path. `planning.replan_within_s` is 0.2 here, ten times the usual time, so that slow cases are
@@ -34,7 +34,7 @@ SHARES = 0.55, 0.85
 
 
 def around(motions: int) -> Iterator[Row]:
-    """Motions between random positions, each with a ball that appears in its path, but not at its goal."""
+    """Motions between random positions. In each motion a ball appears in the path, but not at the goal."""
     robot = load_robot(load_settings(None))
     with tempfile.TemporaryDirectory(prefix="cobot-bench-") as folder:
         run = Run(Path(folder), "realtime", planning="replan_within_s: 0.2")
@@ -100,7 +100,9 @@ def measure(
 
 
 def accepted_at(memory: RobotMemory, answered: Event) -> float:
-    """When the real-time loop takes its path from another slot, or the client has its answer."""
+    """The time at which the real-time loop takes its path from a different slot, or at which the client has
+    its answer.
+    """
     slot = int(memory.state.read()["slot"])
     while not answered.is_set() and int(memory.state.read()["slot"]) == slot:
         time.sleep(POLL_S)

@@ -1,4 +1,4 @@
-"""What a planning budget gains: the duration of a motion over its lower bound, for several budgets.
+"""The effect of a planning budget: the duration of a motion divided by its lower bound, for several budgets.
 
 The problems are those of `motion_bench_maker`. The budget is processor time, with the first motion. The lower
 bound is the time that the slowest joint needs alone.
@@ -40,7 +40,9 @@ def budgets(every: int) -> Iterator[Row]:
 
 
 def ratios(robot: RobotDescription, problem: Problem) -> list[float]:
-    """Duration over lower bound of the first motion and within each budget; empty if there is no motion."""
+    """The duration divided by the lower bound, for the first motion and within each budget; empty if there is
+    no motion.
+    """
     there = replace(robot, collision=robot.collision.among(problem.scene))
     request = MotionRequest(problem.start, problem.goal, PlannerName.OMPL, Scaling(1.0), timeout_s=TIMEOUT_S)
     begun_s = time.process_time()

@@ -1,4 +1,4 @@
-"""Scenes as point clouds: how long it takes until one can be used, and planning among its voxels.
+"""Scenes as point clouds: the time until a point cloud can be used, and planning among its voxels.
 
 The problems are those of `motion_bench_maker`; the points are on the surfaces of their solids.
 """
@@ -124,8 +124,10 @@ def cloud_of(points: Array, voxel_m: float) -> SceneObject:
 
 
 def points_on(scene: Scene, count: int, random: np.random.Generator) -> Array:
-    """So many points on the surfaces of the boxes and cylinders, which are smaller by a voxel all around, so
-    that their voxels stay within the solids and the problem keeps its solution."""
+    """This number of points on the surfaces of the boxes and cylinders. The solids are first made smaller by
+    one voxel on all sides, so that the voxels stay within the original solids and the problem keeps its
+    solution.
+    """
     areas = np.array([_area(each) for each in scene.objects.values()])
     counts = np.maximum(1, (count * areas / areas.sum()).astype(int))
     return np.vstack(

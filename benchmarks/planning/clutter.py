@@ -1,4 +1,4 @@
-"""Motions through clutter: what is solved, how long it takes, how long the paths are."""
+"""Motions through clutter: the number of solved problems, the computing time, and the length of the paths."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ UPRIGHT_RAD = 0.1
 
 @dataclass(slots=True)
 class Tries:
-    """Of one planner: CPU time of each problem, ms, and how many it has solved."""
+    """The results of one planner: the CPU time for each problem, ms, and the number of solved problems."""
 
     cpu_ms: list[float] = field(default_factory=list)
     solved: int = 0
@@ -52,8 +52,8 @@ class Tries:
 
 
 def clutter(problems: int, references: int, reference_s: float) -> Iterator[Row]:
-    """So many problems of each kind; of so many, whose paths are the longest beside the direct way, their
-    length beside the best of ten long runs.
+    """Plan this number of problems of each kind. The paths with the longest detours are also compared with
+    the best of ten long searches.
     """
     robot = load_robot(load_settings(None))
     yield _distances(robot)
@@ -115,7 +115,9 @@ def clutter(problems: int, references: int, reference_s: float) -> Iterator[Row]
 
 
 def _upright(problem: Problem) -> MotionRequest | None:
-    """To the goal's place with the tool as it is at the start, and never much otherwise."""
+    """A request to the goal's place during which the tool keeps the orientation of the start, with a small
+    tolerance.
+    """
     robot = problem.robot
     goal = Pose(problem.pose.position, robot.model.forward(problem.start).quaternion)
     cone = Constraints(Cone(np.array([0.0, 0.0, 1.0]), UPRIGHT_RAD))
@@ -128,7 +130,9 @@ def _upright(problem: Problem) -> MotionRequest | None:
 
 
 def _distances(robot: RobotDescription) -> Row:
-    """Whether random configurations at a shelf are free, beside MuJoCo's contacts, both from Python."""
+    """The time to check random configurations at a shelf, next to MuJoCo's contacts. Both are called from
+    Python.
+    """
     there = next(scenes.problems(robot, "shelf", 1)).robot
     limits, mj = robot.limits, there.model.mj
     rows = np.random.default_rng(5).uniform(limits.min_position, limits.max_position, (3000, limits.dof))
@@ -187,8 +191,8 @@ def _path(tries: Tries, problem: Problem) -> Array | None:
 
 
 def _best(problem: Problem, run_s: float) -> float:
-    """The length of the shortest path of ten runs, rad, each of which searches anew for all of its time, near
-    the direct way and further off in turn, and takes the detours out of each three paths.
+    """The length of the shortest path of ten searches, rad. Each search uses all of its time, alternately
+    near the direct way and further away from it, and removes the detours from every three paths.
     """
     collision, limits = problem.robot.collision, problem.robot.limits
     bounds = limits.min_position, limits.max_position
@@ -217,7 +221,9 @@ def _best(problem: Problem, run_s: float) -> float:
 
 
 def _by_ompl(problem: Problem) -> Array | None:
-    """OMPL's RRTConnect and simplification, which ask Python at every 0.02 rad."""
+    """The path of OMPL's RRTConnect with simplification, which calls Python to check a configuration every
+    0.02 rad.
+    """
     util.setLogLevel(util.LogLevel.LOG_NONE)
     limits, collision = problem.robot.limits, problem.robot.collision
     space = base.RealVectorStateSpace(limits.dof)
@@ -252,7 +258,7 @@ def _direct(problem: Problem) -> float:
 
 
 def _timed(call: Callable[[], Result]) -> tuple[float, Result | None]:
-    """CPU time in ms, and the result; None where there is none."""
+    """CPU time in ms, and the result; None if the call fails."""
     begun_ns = time.process_time_ns()
     try:
         result = call()

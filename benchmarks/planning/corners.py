@@ -1,4 +1,6 @@
-"""Motions through round corners beside the same ones with stops, and how much of each radius is used."""
+"""Motions through round corners next to the same motions with stops, and the share of each radius that is
+used.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ Step = tuple[PlannerName, Array | Pose, float]
 
 
 def corners() -> Iterator[Row]:
-    """Rectangles of lines, and ptp and lin mixed, at several speeds; all corners have the same radius."""
+    """Rectangles of lines, and mixtures of ptp and lin, at several speeds. All corners have the same
+    radius.
+    """
     robot = load_robot(load_settings(None))
     here = robot.model.forward(START)
 
@@ -67,7 +71,9 @@ def corners() -> Iterator[Row]:
 
 
 def _on_the_way(robot: RobotDescription, legs: list[Leg]) -> tuple[float, float]:
-    """How long they take, and how many corners are round, when each comes once the arm goes for the last."""
+    """The duration of the motions and the number of round corners, if each motion is sent while the arm
+    executes the previous one.
+    """
     stretch, passed_s, round_corners = begin_stretch(robot, legs[:1], [RADIUS_M]), 0.0, 0
     for number, leg in enumerate(legs[1:], start=2):
         radius_m = RADIUS_M if number < len(legs) else 0.0

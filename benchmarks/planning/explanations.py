@@ -1,4 +1,4 @@
-"""Refusals: is each of them explained, and does what is said to work really work when it is asked for?
+"""Rejected requests: whether each rejection is explained, and whether the suggested changes really work.
 
 Over the REST API, on virtual time. The requests are random: joint angles beyond limits or in collision,
 starts beyond limits, goals out of reach, lines and arcs that end on their way, among two boxes and a ball.
@@ -53,7 +53,7 @@ class Findings:
 
 
 def explanations(requests: int) -> Iterator[Row]:
-    """So many refusals."""
+    """Examine this number of rejections."""
     with tempfile.TemporaryDirectory() as folder, virtual_service(Path(folder)) as service:
         begun_s = time.process_time()
         found = examined(service, requests, 13)
@@ -72,7 +72,7 @@ def explanations(requests: int) -> Iterator[Row]:
 
 
 def examined(service: VirtualService, requests: int, seed: int) -> Findings:
-    """What comes of so many refusals, and of what they say would work."""
+    """The results for this number of rejections, and for the changes that they suggest."""
     service.post("/scene", json={"clear": True, "objects": SCENE})
     robot = service.app.state.services.robot
     random, found = np.random.default_rng(seed), Findings()
@@ -104,7 +104,7 @@ def _examine(service: VirtualService, refusal: Body, what: str, found: Findings)
 
 
 def _request(robot: RobotDescription, random: np.random.Generator) -> tuple[str, Body]:
-    """A request that may well be refused."""
+    """A random request that is probably rejected."""
     start = _free(robot, random)
     body: Body = {"start": start.tolist(), "speed": float(random.choice([0.1, 0.5, 1.0])), "samples": 2}
     match random.integers(6):
@@ -153,7 +153,7 @@ def _free(robot: RobotDescription, random: np.random.Generator) -> Array:
 
 
 def _beyond(robot: RobotDescription, random: np.random.Generator) -> Array:
-    """Joint angles of which one is beyond its limit."""
+    """Joint angles, one of which is beyond its limit."""
     joints, joint = _free(robot, random), random.integers(robot.limits.dof)
     joints[joint] = robot.limits.max_position[joint] + random.uniform(0.001, 1.0)
     return joints

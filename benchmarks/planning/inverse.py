@@ -1,4 +1,4 @@
-"""Inverse kinematics: how many reachable poses are solved, and the processor's time for each.
+"""Inverse kinematics: the share of reachable poses that are solved, and the CPU time for each pose.
 
 The peers, TRAC-IK and ssik, are the extra `bench`; without them the rows say so.
 """
@@ -30,7 +30,7 @@ X, Y, Z = np.eye(3)
 
 
 def inverse_kinematics(poses: int) -> Iterator[Row]:
-    """The shipped arm and four others; seeds are random, and far away."""
+    """Measure the shipped arm and four others. The seeds are random and far from the solution."""
     iiwa = load_robot(load_settings(None)).model
     name = "inverse kinematics of the iiwa, 1e-9"
     rows, seeds = _postures(iiwa, poses, singular=False)
@@ -69,7 +69,7 @@ def _row(
 def _measured(
     model: RobotModel, solver: Solver, rows: Array, seeds: Array, tolerance: float
 ) -> tuple[float, float, float]:
-    """The share that is solved, and mean and p99 of the processor's time, of all threads."""
+    """The share of solved poses, and the mean and the p99 of the CPU time of all threads."""
     solved, times_ms = 0, []
     solver(model.forward(rows[0]), seeds[0])  # what is loaded or made at the first call
     for joints, seed in zip(rows, seeds, strict=True):
@@ -82,7 +82,7 @@ def _measured(
 
 
 def _off(model: RobotModel, joints: Array, pose: Pose) -> float:
-    """m or rad; infinite beyond the limits."""
+    """The deviation, m or rad; infinite if a joint is beyond its limits."""
     limits = model.limits
     if (joints < limits.min_position - 1e-9).any() or (joints > limits.max_position + 1e-9).any():
         return np.inf
@@ -94,7 +94,9 @@ def _off(model: RobotModel, joints: Array, pose: Pose) -> float:
 
 
 def _postures(model: RobotModel, count: int, singular: bool) -> tuple[Array, Array]:
-    """Joints, some of them at limits or zero where that is asked for, and seeds, each shape (count, dof)."""
+    """Joint positions and seeds, shape (count, dof) each. If requested, some joints are at their limits or at
+    zero.
+    """
     random, limits = np.random.default_rng(11), model.limits
     rows, seeds = random.uniform(limits.min_position, limits.max_position, (2, count, limits.dof))
     if singular:
@@ -138,7 +140,9 @@ def _trac_ik(model: RobotModel) -> Solver | None:
 
 
 def _ssik(model: RobotModel) -> Solver | None:
-    """Its iiwa 14 is built in; between its flange and ours is a fixed part, and it has limits of its own."""
+    """ssik's built-in iiwa 14. It has its own limits, and a fixed part between its flange and cobot's
+    flange.
+    """
     try:
         from ssik.prebuilt import iiwa14_ik
     except ImportError:
@@ -160,7 +164,7 @@ def _ssik(model: RobotModel) -> Solver | None:
 
 
 def _others() -> Iterator[tuple[str, RobotModel]]:
-    """Arms by their axes and points on them, at rest, m."""
+    """Arms that are defined by their axes at rest and by points on these axes, m."""
     random = np.random.default_rng(5)
     ur5e = [(0, 0, 0), (0, 0, 0.1625), (-0.425, 0, 0.1625), (-0.8172, 0, 0.1625)]
     ur5e += [(-0.8172, -0.1333, 0.1625), (-0.8172, -0.1333, 0.0628)]

@@ -1,4 +1,5 @@
-"""The shortest duration along a path under limits of velocity, acceleration and jerk, by another optimiser.
+"""The shortest duration along a path within velocity, acceleration and jerk limits, found by an independent
+optimiser.
 
 It shares nothing with the time law but the path. The unknowns are the third derivative of the path's
 parameter, constant in each of some even steps of time, and the duration T. With times as shares of T the
@@ -35,7 +36,7 @@ BEND = 1e-5
 
 @dataclass(frozen=True, slots=True)
 class _Limited:
-    """One derivative by time at each place, shape (n, dof), its limit, (dof,), and how they change.
+    """One time derivative at each place, shape (n, dof), its limit, shape (dof,), and their slopes.
 
     Attributes:
         slopes: of the value by s, s' and s'' at the same places, then by s''' in the step, 0 where not.
@@ -51,15 +52,15 @@ class _Limited:
 
 
 class Optimiser:
-    """Of one path, from rest to rest."""
+    """The optimiser for one path, from rest to rest."""
 
     def __init__(self, path: JointCurve, limits: JointLimits, steps: int) -> None:
         self._path, self._limits, self._steps = path, limits, steps
         self._sums = _integrals(steps)
 
     def shortest_s(self, motion: Trajectory) -> float:
-        """The duration of the best motion found, made as much longer as its limits are exceeded; `motion` is
-        one of the path's parameter.
+        """The duration of the best motion. If the motion exceeds a limit, it is first slowed down until it
+        does not. `motion` is a motion of the path's parameter.
         """
         middles, given_s = (np.arange(self._steps) + 0.5) / self._steps, motion.duration_s
         # Of the quintic from rest to rest.
@@ -90,7 +91,7 @@ class Optimiser:
         return duration_s * max(worst, 1.0)
 
     def _excess(self, jerk: Array, duration_s: float) -> float:
-        """1 if all limits hold, more if not."""
+        """The factor by which the motion must be slowed down; 1 if it is within all limits."""
         rows = self._limited(jerk, duration_s)
         return 1.0 + 3.0 * max(0.0, *(float((np.abs(row.values) / row.limit).max()) - 1.0 for row in rows))
 
@@ -133,7 +134,7 @@ class Optimiser:
         return rows
 
     def _step(self, jerk: Array, duration_s: float, trust: float) -> Array | None:
-        """The best change of all unknowns, shape (steps + 1,), by the linearised limits."""
+        """The best change of all unknowns within the linearised limits, shape (steps + 1,)."""
         above, room = [], []
         for row in self._limited(jerk, duration_s):
             sums = [total[row.places] for total in self._sums]
@@ -165,7 +166,9 @@ class Optimiser:
 
 
 def _integrals(steps: int) -> tuple[Array, Array, Array]:
-    """Way, speed and acceleration at the steps' ends, shape (steps + 1, steps) each, of each step's jerk."""
+    """For each step's jerk: the distance, speed and acceleration at the steps' ends, shape (steps + 1, steps)
+    each.
+    """
     width = 1.0 / steps
     since = width * (np.arange(steps + 1)[:, None] - np.arange(1, steps + 1))
     begun, since = since >= 0.0, np.maximum(since, 0.0)

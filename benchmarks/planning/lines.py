@@ -1,4 +1,6 @@
-"""lin anywhere: how much of what an exhaustive search over the arm angle finds is found, and how soon."""
+"""lin motions from random postures: the share of the motions found by an exhaustive search over the arm angle
+that cobot finds, too, and cobot's computing time.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ FULL = Scaling(1.0)
 
 
 def lines(requests: int) -> Iterator[Row]:
-    """Lines of 0.1 to 0.6 m, turning by up to half a radian, from anywhere; and the time for 0.3 m."""
+    """Lines of 0.1 to 0.6 m from random postures, with rotations of up to 0.5 rad; and the computing time for
+    lines of 0.3 m.
+    """
     robot = load_robot(load_settings(None))
     for name, arm in (
         ("the empty workspace", robot),
@@ -66,7 +70,7 @@ def lines(requests: int) -> Iterator[Row]:
 
 
 def exhaustive(robot: RobotDescription, start: Array, poses: Array) -> bool:
-    """Whether joints within the limits lead along all poses, free of collisions at each of them."""
+    """Whether joint positions within the limits lead along all poses, with no collision at any of them."""
     arm = robot.model.inverse_kinematics.arm_angle
     assert arm is not None
     rows = arm.grid(poses, np.linspace(-np.pi, np.pi, ANGLES, endpoint=False))
@@ -84,7 +88,7 @@ def exhaustive(robot: RobotDescription, start: Array, poses: Array) -> bool:
 def _request(
     robot: RobotDescription, random: np.random.Generator, way_m: float, turn: float
 ) -> tuple[Array, Pose]:
-    """A free configuration, and a goal that some joints reach."""
+    """A collision-free configuration, and a goal that the arm can reach."""
     limits, arm = robot.limits, robot.model.inverse_kinematics.arm_angle
     assert arm is not None
     while True:

@@ -54,7 +54,7 @@ class Problem:
 
 @dataclass(frozen=True, slots=True)
 class ProblemSet:
-    """An arm, its description as the archive has it, and its problems."""
+    """An arm, its description from the archive, and its problems."""
 
     arm: str
     resources: Path
@@ -85,7 +85,7 @@ def _resources(folder: Path, arm: str) -> Path:
 
 
 def _robot_of(packed_file: Path, folder: Path, arm: str) -> RobotDescription:
-    """An arm of the archive, whose problems are unpacked too."""
+    """An arm from the archive. Its problems are unpacked, too."""
     with tarfile.open(packed_file) as packed:
         wanted = [each for each in packed.getmembers() if f"/resources/{arm}/" in each.name]
         packed.extractall(folder, wanted, filter="data")

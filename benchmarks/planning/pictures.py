@@ -1,5 +1,6 @@
-"""`python -m benchmarks.planning.pictures FOLDER [NAME...]`: draws the pictures of docs/planning.md, or some
-of them."""
+"""`python -m benchmarks.planning.pictures FOLDER [NAME...]`: draws all or some of the pictures in
+docs/planning.md.
+"""
 
 from __future__ import annotations
 
@@ -85,7 +86,9 @@ def draw_ptp(robot: RobotDescription) -> plt.Figure:
 
 
 def draw_lin(robot: RobotDescription) -> plt.Figure:
-    """The arm angle along a line where the nearest joints reach a limit; a line near a singularity."""
+    """The arm angle along a line on which the nearest joint positions reach a limit, and along a line near a
+    singularity.
+    """
     figure, (angle, speed) = plt.subplots(1, 2, figsize=(11, 4))
     request, reason = _needs_the_redundancy(robot)
     motion, arm = motion_of(robot, request), robot.model.inverse_kinematics.arm_angle
@@ -109,7 +112,9 @@ def draw_lin(robot: RobotDescription) -> plt.Figure:
 
 
 def _needs_the_redundancy(robot: RobotDescription) -> tuple[MotionRequest, str]:
-    """A line that the joints nearest to the ones before do not lead along, and why."""
+    """A line that the arm cannot follow if each joint position is the one nearest to the previous one, and
+    the reason.
+    """
     from cobot.planners.path.continued import continued
 
     random, limits = np.random.default_rng(8), robot.limits
@@ -186,7 +191,7 @@ def _way(robot: RobotDescription, motion: Trajectory) -> Array:
 
 
 def draw_auto(robot: RobotDescription) -> plt.Figure:
-    """The same request without and with something in the way."""
+    """The same request with and without an obstacle."""
     figure, axes = plt.subplots(1, 2, figsize=(11, 3.4), sharey=True)
     left, right = WORK.copy(), WORK.copy()
     left[0], right[0] = -0.9, 0.9
@@ -210,7 +215,7 @@ def draw_auto(robot: RobotDescription) -> plt.Figure:
 
 
 def draw_constraints(robot: RobotDescription) -> plt.Figure:
-    """The tool's tilt on the way round a post, with a cone and without."""
+    """The tool's tilt on the way around a post, with and without a cone."""
     figure, (tilt, top) = plt.subplots(1, 2, figsize=(11, 3.6))
     there = scenes.among(robot, [(0.6, 0.0, 0.3, 0.05, 0.05, 0.3)])
     left, right = WORK.copy(), WORK.copy()
@@ -240,7 +245,7 @@ def draw_constraints(robot: RobotDescription) -> plt.Figure:
 
 
 def draw_corners(robot: RobotDescription) -> plt.Figure:
-    """Two lines with a stop, with a radius, and with a radius of which a constraint leaves a part."""
+    """Two lines: with a stop, with a radius, and with a radius that a constraint reduces."""
     figure, (plane, speed) = plt.subplots(1, 2, figsize=(9, 3.6))
     here = robot.model.forward(CORNER_START)
     corner, end = (Pose(here.position + np.array(way), here.quaternion) for way in CORNER_WAYS)

@@ -30,7 +30,7 @@ Body = dict[str, Any]
 
 
 def plan_requests(count: int) -> Iterator[Row]:
-    """So many requests of each kind, in free space and next to shelves."""
+    """This number of requests of each kind, in free space and next to shelves."""
     robot = load_robot(load_settings(None))
     took_ms: dict[str, list[float]] = defaultdict(list)
     with service() as run, httpx2.Client(base_url=run.url, timeout=60.0) as client:

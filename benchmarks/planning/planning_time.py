@@ -1,4 +1,4 @@
-"""How long planning takes, and how straight a straight line is."""
+"""Planning time, and the straightness of straight lines."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LINE_M = 0.25
 
 
 def planning_time(requests: int) -> Iterator[Row]:
-    """ptp and lin in this process, each against the least that it has to compute."""
+    """ptp and lin in this process, each compared with the least that it must compute."""
     robot = load_robot(load_settings(None))
     random = np.random.default_rng(7)
     ptp, ptp_floor = [], []
@@ -65,7 +65,9 @@ def planning_time(requests: int) -> Iterator[Row]:
 
 
 def straightness(lines: int) -> Iterator[Row]:
-    """How far the TCP leaves the line: as planned, each millisecond, and as measured on the simulated arm."""
+    """The deviation of the TCP from the line: as planned, in every millisecond, and as measured on the
+    simulated arm.
+    """
     robot = load_robot(load_settings(None))
     random = np.random.default_rng(11)
     planned: list[float] = []
@@ -128,7 +130,7 @@ def _drive(client: Client, memory: RobotMemory, goal: Pose, robot: RobotDescript
 
 
 def _off_the_line(points: Array, begin: Array, end: Array) -> list[float]:
-    """Distances in mm."""
+    """Distances from the line, mm."""
     direction = (end - begin) / np.linalg.norm(end - begin)
     offset = points - begin
     return list(1e3 * np.linalg.norm(offset - np.outer(offset @ direction, direction), axis=1))
@@ -141,7 +143,7 @@ def _shifted(robot: RobotDescription, start: Array, random: np.random.Generator)
 
 
 def _timed(call: Callable[[], Result]) -> tuple[float, Result | None]:
-    """Milliseconds, and the result; None for a request that cannot be planned."""
+    """The time in ms, and the result; None if the request cannot be planned."""
     begun_ns = time.perf_counter_ns()
     try:
         result = call()

@@ -1,4 +1,6 @@
-"""What is solved of MotionBenchMaker's problems, and how fast, next to VAMP and roboplan."""
+"""MotionBenchMaker's problems: the share that cobot solves, and the computing time, next to VAMP and
+roboplan.
+"""
 
 from __future__ import annotations
 

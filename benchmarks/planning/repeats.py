@@ -1,4 +1,6 @@
-"""Closed paths, planned once and run again and again: where the joints end, and how far the TCP is off."""
+"""Closed paths that are planned once and executed repeatedly: the deviation of the joints at the end, and of
+the TCP.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ COLUMNS = ("joints off after the last run, rad", "TCP off its path, mm")
 
 
 def repeats(times: int) -> Iterator[Row]:
-    """Each path, run so often on the virtual clock, beside one run of it that need not be closed."""
+    """Each path, executed this number of times on the virtual clock, next to one execution that need not be
+    closed.
+    """
     robot = load_robot(load_settings(None))
     for name in ("circle", "square", "line and back"):
         closed, open_ = paths(robot, name, cyclic=True), paths(robot, name, cyclic=False)
@@ -42,7 +46,7 @@ def repeats(times: int) -> Iterator[Row]:
 
 
 def paths(robot: RobotDescription, name: str, *, cyclic: bool) -> list[Trajectory]:
-    """The plans that lead from the start back to it, one after the other."""
+    """The plans that lead from the start back to the start, one after the other."""
     here = pose_at(robot, START)
     if name == "circle":
         arc = Arc(here.position - [RADIUS_M, 0.0, 0.0], np.array([0.0, 0.0, 1.0]), 2.0 * np.pi)
@@ -69,7 +73,7 @@ def pose_at(robot: RobotDescription, joints: Array) -> Pose:
 
 
 def run(robot: RobotDescription, plans: Sequence[Trajectory], name: str, times: int) -> tuple[float, float]:
-    """Joints off, rad, and TCP off, mm, of all that was commanded."""
+    """The largest deviation of all commands: of the joints, rad, and of the TCP, mm."""
     with rig(start=START) as arm:
         for _ in range(times):
             for each in plans:

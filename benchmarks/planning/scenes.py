@@ -1,4 +1,4 @@
-"""Seeded problems in clutter, for the benchmark and the tests: tables, shelves, cages and bins.
+"""Seeded problems in clutter for the benchmark and the tests: tables, shelves, cages and bins.
 
 Each is the shipped arm among boxes, a start and a goal, both poses that a task would ask for; the straight
 joint motion between them is not free.
@@ -31,7 +31,7 @@ Box = tuple[float, float, float, float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """A motion to be found.
+    """A motion that must be found.
 
     Attributes:
         robot: the arm in its scene.
@@ -47,7 +47,7 @@ class Problem:
 
 
 def problems(robot: RobotDescription, kind: str, count: int, seed: int = 1) -> Iterator[Problem]:
-    """So many problems of a kind, two in each scene."""
+    """This number of problems of a kind, two in each scene."""
     random = np.random.default_rng([seed, KINDS.index(kind)])
     made = 0
     while made < count:
@@ -60,7 +60,7 @@ def problems(robot: RobotDescription, kind: str, count: int, seed: int = 1) -> I
 
 
 def among(robot: RobotDescription, boxes: list[Box]) -> RobotDescription:
-    """The arm among boxes that stand in its base frame's world."""
+    """The arm among boxes. The boxes are fixed in the world of the base frame."""
     mj = _with_boxes(robot, boxes)
     model = RobotModel(mj, robot.limits, robot.base_frame, mj.site(robot.model.tcp_site).name)
     return replace(robot, model=model, collision=CollisionChecker(model, robot.collision.margin_m))
@@ -136,7 +136,9 @@ def _problem(robot: RobotDescription, kind: str, random: np.random.Generator) ->
 def _somewhere(
     robot: RobotDescription, clearance: Clearance, kind: str, random: np.random.Generator, side: float
 ) -> Array | None:
-    """Free joint angles at a pose that the task asks for; of two bins, in the one on this side."""
+    """Collision-free joint angles at a pose that the task requires. If there are two bins, the pose is in the
+    bin on this side.
+    """
     low, high, turn = REGIONS[kind]
     limits = robot.limits
     for _ in range(TRIES):

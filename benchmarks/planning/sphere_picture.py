@@ -1,4 +1,4 @@
-"""The spheres around the shipped arm, and what they say about a box next to it, drawn for `pictures`."""
+"""The spheres around the shipped arm, and their verdicts about a box next to it, drawn for `pictures`."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ COARSE = 3
 
 
 def draw_spheres(robot: RobotDescription) -> plt.Figure:
-    """The whole arm with its spheres, and those that decide next to two boxes."""
+    """The whole arm with its spheres, and the spheres that decide next to two boxes."""
     figure, (whole, *views) = plt.subplots(1, 3, figsize=(11, 3.9), width_ratios=(1.15, 1.0, 1.0))
     for axis, (title, top) in zip(views, TOPS.items(), strict=True):
         _draw_flange(axis, among(robot, [_box(top)]).collision, top)
@@ -55,7 +55,7 @@ def _box(top: float) -> Box:
 
 
 def _draw_flange(axis: Axes, checker: CollisionChecker, top: float) -> None:
-    """The spheres that decide, which must agree with the compiled check."""
+    """The spheres that decide. They must agree with the compiled check."""
     _draw_box(axis, top, checker.margin_m, fill=False, linestyle="--", edgecolor="0.25", linewidth=0.9)
     found = [each for tree in _draw_solids(axis, checker, top) for each in _deciding(tree, checker, top)]
     for row, verdict in sorted(found, key=lambda each: list(COLOURS).index(each[1])):
@@ -94,7 +94,7 @@ def _draw_box(axis: Axes, top: float, wider_m: float, **style: str | float) -> N
 
 
 def _surface(mj: mujoco.MjModel, geom: int) -> Array:
-    """Points of the edges of a cylinder, or of the round ends of a capsule, in its own frame, m."""
+    """Points on the edges of a cylinder, or on the round ends of a capsule, in its own frame, m."""
     radius, half = mj.geom_size[geom][:2]
     angles = np.linspace(0.0, 2.0 * np.pi, 90)
     ring = radius * np.column_stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)])
@@ -121,7 +121,7 @@ def _deciding(tree: Array, checker: CollisionChecker, top: float) -> list[tuple[
 
 
 def _verdict(row: Array, checker: CollisionChecker, top: float) -> str:
-    """What one sphere says about the box."""
+    """The verdict of one sphere about the box."""
     middle, half = np.split(np.array(_box(top)), 2)
     away = np.linalg.norm(np.maximum(np.abs(row[:3] - middle) - half, 0.0)) - checker.margin_m
     return "free" if away >= row[3] else "too near" if away < row[4] else "unsure"

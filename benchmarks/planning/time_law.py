@@ -1,4 +1,6 @@
-"""How near to the time optimum paths are timed. toppra knows no jerk: its duration cannot be reached."""
+"""How close timed paths are to the time optimum. toppra has no jerk limits, so its duration cannot be
+reached.
+"""
 
 from __future__ import annotations
 
@@ -31,8 +33,8 @@ STEPS, PRICED = 60, 0.15
 
 
 def durations(requests: int) -> Iterator[Row]:
-    """Motions at full speed: duration beside toppra's on the same path, and what the law costs. Of lin, circ
-    and ompl also what the jerk's limits are the price of.
+    """Motions at full speed: their duration next to toppra's on the same path, and the CPU time of the time
+    law. For lin, circ and ompl also the share of the duration that the jerk limits cause.
     """
     try:
         import toppra  # noqa: F401 - a peer, not a dependency
@@ -74,7 +76,7 @@ def durations(requests: int) -> Iterator[Row]:
 
 @dataclass(slots=True)
 class _Measured:
-    """Motions of one planner.
+    """The motions of one planner.
 
     Attributes:
         ours_ms, theirs_ms: CPU time of the time law and of toppra.
@@ -163,7 +165,7 @@ def _motion(robot: RobotDescription, planner: PlannerName, random: np.random.Gen
 
 
 def _blended(robot: RobotDescription, random: np.random.Generator) -> Trajectory | None:
-    """Lines as one motion; None where one of them is impossible or a corner cannot be round."""
+    """Lines as one motion; None if one of the lines is impossible or a corner cannot be round."""
     legs: list[Leg] = []
     start = random.uniform(robot.limits.min_position, robot.limits.max_position)
     here = robot.model.forward(start)
@@ -183,7 +185,7 @@ def _blended(robot: RobotDescription, random: np.random.Generator) -> Trajectory
 
 
 def _retimed(robot: RobotDescription, random: np.random.Generator) -> Trajectory | None:
-    """A course of some legs, which TOTG has run along at the limits of velocity and acceleration."""
+    """A path of several legs, timed by TOTG at the velocity and acceleration limits."""
     home = np.array(robot.positions["home"].joints)
     (rows,) = problems(robot.limits, home, 1.0, 0.02, 1, seed=int(random.integers(2**31)))
     points = [Waypoint(each[1 : 1 + len(home)].tolist(), float(each[0])) for each in rows]
@@ -194,7 +196,9 @@ def _retimed(robot: RobotDescription, random: np.random.Generator) -> Trajectory
 
 
 def _without_jerk(robot: RobotDescription, path: JointCurve, with_tcp: bool) -> float:
-    """The law's duration, s, under toppra's limits: a hundred times the jerk, and all of the acceleration."""
+    """The duration that the time law finds within toppra's limits: a hundred times the jerk, and all of the
+    acceleration, s.
+    """
     all_of_it = replace(robot, limits=robot.limits.scaled(1.0, 1.0 / PLANNED_ACCELERATION, 1.0))
     tcp_limits = robot.cartesian_limits.scaled(1.0, 1.0, 100.0) if with_tcp else None
     limits = robot.limits.scaled(1.0, 1.0, 100.0)
@@ -202,7 +206,9 @@ def _without_jerk(robot: RobotDescription, path: JointCurve, with_tcp: bool) -> 
 
 
 def _toppra(robot: RobotDescription, path: JointCurve, with_tcp: bool) -> float:
-    """The duration, s; the TCP's way and turn count as two more joints."""
+    """The duration that toppra finds, s. The distance and the rotation of the TCP count as two additional
+    joints.
+    """
     import toppra
     from toppra.algorithm import TOPPRA
     from toppra.constraint import JointAccelerationConstraint, JointVelocityConstraint

@@ -1,4 +1,6 @@
-"""Timed trajectories of others: how much longer than asked for they take, and how long planning them does."""
+"""Timed trajectories from other programs: how much longer than requested they take, and their
+planning time.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,7 @@ LOAD = Tool(mass=14.0, centre=(0.0, 0.0, 0.2))
 
 
 def timed(count: int) -> Iterator[Row]:
-    """Durations in shares of what was asked for, with a corridor and without one; then CPU time."""
+    """Durations as multiples of the requested ones, with and without a corridor; then CPU time."""
     robot = replace(load_robot(load_settings(None)), collision=_Nothing())  # type: ignore[arg-type]
     limits, home = robot.limits, np.array(robot.positions["home"].joints)
     yield _durations(
@@ -51,7 +53,9 @@ def timed(count: int) -> Iterator[Row]:
 
 
 def _loaded(robot: RobotDescription, count: int) -> Row:
-    """Of how many motions a drive needs more than it has, with a load near the most, by pinocchio."""
+    """The number of motions in which a drive exceeds its effort limit, with a load near the maximum,
+    according to pinocchio.
+    """
     heavy, refused = carrying(robot, LOAD), 0
     ours: list[float] = []
     asked: list[float] = []
@@ -78,7 +82,7 @@ def _loaded(robot: RobotDescription, count: int) -> Row:
 
 
 def _effort(robot: RobotDescription, motion: Trajectory) -> float:
-    """The largest share of a drive's effort, every 2 ms."""
+    """The largest share of a drive's effort limit, sampled every 2 ms."""
     shipped = arm(SHIPPED)
     model = loaded_model(shipped.model, shipped.tcp, LOAD)
     data, times_s = model.createData(), np.arange(0.0, motion.duration_s, 0.002)
@@ -88,10 +92,10 @@ def _effort(robot: RobotDescription, motion: Trajectory) -> float:
 
 
 class _Nothing:
-    """An empty room."""
+    """A stand-in for an empty scene."""
 
     def check_trajectory(self, trajectory: Trajectory) -> None:
-        """All is free."""
+        """Accept every trajectory as collision-free."""
 
 
 def _durations(robot: RobotDescription, name: str, sent: list[list[Waypoint]]) -> Row:
@@ -154,7 +158,7 @@ def _swings(home: Array) -> list[list[Waypoint]]:
 
 
 def _long(robot: RobotDescription) -> Iterator[tuple[str, Array]]:
-    """To and fro on a long course of TOTG's, times and positions, shape (n, 1 + dof)."""
+    """A long path back and forth, timed by TOTG: times and positions, shape (n, 1 + dof)."""
     limits, home = robot.limits, np.array(robot.positions["home"].joints)
     for share in (0.5, 0.9):
         (sent,) = problems(limits, home, share, 0.002, 1, seed=2, most_legs=20, grid=4000)

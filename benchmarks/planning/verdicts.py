@@ -1,4 +1,5 @@
-"""Verdicts about random configurations: of spheres, of exact distances and of MuJoCo; and of point clouds.
+"""Verdicts about random configurations: of the spheres, of exact distances and of MuJoCo; and verdicts with
+point clouds.
 
 The scenes are those of `motion_bench_maker`. Half of the configurations are anywhere within the limits, and
 half are near a goal.
@@ -36,7 +37,7 @@ FAR_M = 0.3
 
 @dataclass(slots=True)
 class Tally:
-    """Numbers of configurations. A verdict is "too near" or "free"; each oracle has one of its own."""
+    """Numbers of configurations. A verdict is "too near" or "free". Each oracle gives its own verdict."""
 
     total: int = 0
     too_near: int = 0
@@ -51,7 +52,9 @@ class Tally:
 
 
 def verdicts(count: int) -> Iterator[Row]:
-    """So many configurations of the arms in their scenes, and a thousandth of them among points."""
+    """Check this number of configurations of the arms in their scenes, and a thousandth of this number among
+    points.
+    """
     random = np.random.default_rng(count)
     for each in unpacked("verdicts", list(ARMS), 100):
         tally = Tally()
@@ -96,7 +99,7 @@ def _judge(
 
 
 class _Contacts:
-    """MuJoCo's own collision pipeline, with its own kinematics, for the pairs that are checked."""
+    """MuJoCo's own collision detection and kinematics, for the pairs that cobot checks."""
 
     def __init__(self, checker: CollisionChecker) -> None:
         self._mj = copy.deepcopy(checker.mj)

@@ -1,4 +1,4 @@
-"""Simulated controllers whose joint states are numbered, whose datagrams get lost, and which have faults.
+"""Simulated controllers that number their joint states, lose datagrams and simulate faults.
 
 python -m benchmarks.ros.controllers DOMAIN RATE_HZ: a line of its input is a JSON object with what changes,
 `loss` (share of the datagrams, in each direction), `silent`, `nan`, `active`, `forward` or `is_numbered`;
@@ -122,7 +122,7 @@ async def _serve(domain: int, rate_hz: float) -> None:
 
 
 class ControllersProcess:
-    """The controllers, for the length of a context."""
+    """The controllers in a process that runs while the context is open."""
 
     def __init__(self, domain: int, rate_hz: float) -> None:
         self.domain = domain
@@ -135,7 +135,9 @@ class ControllersProcess:
         self._line()
 
     def ask(self, *, hangs: bool | None = None, **request: Any) -> dict[str, Any]:
-        """Change its behaviour, and read its state. `hangs` stops the process, or lets it go on."""
+        """Change the controllers' behaviour, and read their state. `hangs` suspends or continues the
+        process.
+        """
         if hangs:
             os.kill(self._process.pid, signal.SIGSTOP)
             return {}

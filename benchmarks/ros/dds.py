@@ -1,4 +1,4 @@
-"""ROS 2 over DDS: what a node on Fast DDS, the library under rmw_fastrtps, gets from a running cobot.
+"""ROS 2 over DDS: what a node on Fast DDS, the library below rmw_fastrtps, receives from a running cobot.
 
 Long, because both ends of each measurement stand beside each other.
 """
@@ -46,7 +46,7 @@ PATIENCE_S = 20.0
 
 
 class Ros:
-    """A running cobot on a domain of its own, and a node on Fast DDS beside it."""
+    """A running cobot in its own domain, and a node on Fast DDS."""
 
     def __init__(self, run: Run, domain: int, peer: Peer) -> None:
         self.run, self.domain, self.peer = run, domain, peer
@@ -55,7 +55,7 @@ class Ros:
         return self.peer.client(f"/{self.run.name}/{method}", type_).until_ready()
 
     def call(self, method: str, **request: Any) -> Any:
-        """What a vendor service answers, over HTTP."""
+        """Call a vendor service over HTTP, and return its answer."""
         answer = httpx.post(f"{self.run.url}/{self.run.name}/{method}", json=request, timeout=60.0).json()
         if answer["code"]:
             raise RuntimeError(f"{method}: {answer['message']}")
@@ -89,7 +89,9 @@ def dds(seconds: float, calls: int, points: int) -> Iterator[Row]:
 
 
 def _joint_states(running: Ros, rate_hz: int, seconds: float) -> Iterator[Row]:
-    """How old a measurement is when it arrives; between two Fast DDS nodes: how long a message takes."""
+    """The age of a measurement when it arrives, and the time that a message takes between two Fast DDS
+    nodes.
+    """
     value = {"type": 3, "double_value": float(rate_hz)}
     parameter = {"name": "joint_states_rate_hz", "value": value}
     setter = running.peer.client("/cobot/set_parameters", "rcl_interfaces/srv/SetParameters").until_ready()
@@ -119,7 +121,7 @@ def _joint_states(running: Ros, rate_hz: int, seconds: float) -> Iterator[Row]:
 
 
 def _to_rclpy(running: Ros, seconds: float) -> Iterator[Row]:
-    """How many of the joint states at 1 kHz, at which `_joint_states` has left them, reach rclpy."""
+    """The share of the joint states at 1 kHz that reaches rclpy. `_joint_states` has set this rate."""
     if not PYTHON.exists():
         print("left out: rclpy, whose wheels do not fit here", file=sys.stderr)
         return
@@ -169,7 +171,7 @@ def _round_trips(running: Ros, calls: int) -> Row:
 
 
 def _points(running: Ros, count: int) -> Row:
-    """A servo session of so many points at 500 Hz: how many of them the arm was moved for."""
+    """A servo session with this number of points at 500 Hz: the number of points that have moved the arm."""
     name = running.run.name
     publisher = running.peer.publisher(f"/{name}/joint_cmd", "std_msgs/msg/String", depth=1000)
     publisher.until_matched()
@@ -210,7 +212,9 @@ def _points(running: Ros, count: int) -> Row:
 
 
 def _long_trajectory(running: Ros, points: int = 5000) -> Row:
-    """A goal of so many points, from sending it to its acceptance; the same over rosbridge would be JSON."""
+    """The time from sending a goal with this number of points to its acceptance. Over rosbridge the same goal
+    would be JSON.
+    """
     type_ = "control_msgs/action/FollowJointTrajectory"
     goal = running.client("follow_joint_trajectory/_action/send_goal", f"{type_}_SendGoal")
     cancel = running.client("follow_joint_trajectory/_action/cancel_goal", "action_msgs/srv/CancelGoal")
@@ -250,7 +254,9 @@ def _long_trajectory(running: Ros, points: int = 5000) -> Row:
 
 
 def _recoveries(running: Ros) -> Row:
-    """A client that goes on calling: without an answer from when the process of ROS is killed to this."""
+    """The time without an answer for a client that calls a service repeatedly while the ROS process is killed
+    and restarted.
+    """
     client = running.client("RobotConfig/getDof", "aubo_interfaces/srv/GetDof")
     took_s = []
     for _ in range(RECOVERIES):
@@ -274,7 +280,9 @@ def _recoveries(running: Ros) -> Row:
 
 
 def _losses(share: float, count: int) -> Row:
-    """Messages of ours to Fast DDS while this share of all packets, both ways, is lost on our side."""
+    """Messages from cobot to Fast DDS while this share of all packets is lost on cobot's side, in both
+    directions.
+    """
     dice = random.Random(5)
     turn = threading.Lock()
 
@@ -296,7 +304,7 @@ def _losses(share: float, count: int) -> Row:
 
 
 def _to_peer(count: int, period_s: float, loss: Callable[[], bool] | None) -> dict[str, Any]:
-    """What a Fast DDS reader has got of so many messages of ours."""
+    """The number of cobot's messages that a Fast DDS reader has received."""
     with own_domain() as domain, rtps_peer.running(domain) as peer:
         ours = Participant(domain, localhost_only=True, user_data=ENCLAVE, loss=loss)
         try:
@@ -325,7 +333,7 @@ def _between_peers(
 
 
 def _settled(peer: rtps_peer.Peer, topic: str, count: int) -> dict[str, Any]:
-    """Its report when all have come, or after some seconds."""
+    """The reader's report when all messages have arrived, or after some seconds."""
     report = peer.report(topic)
     deadline_s = time.monotonic() + PATIENCE_S
     while report["count"] < count and time.monotonic() < deadline_s:

@@ -18,7 +18,7 @@ PATIENCE_S = 30.0
 
 
 def listen(node: Node, topic: str, seconds: float) -> float:
-    """From the first message on."""
+    """Count messages, beginning with the first one."""
     count = 0
 
     def heard(_: JointState) -> None:
@@ -38,7 +38,7 @@ def listen(node: Node, topic: str, seconds: float) -> float:
 
 
 def publish(node: Node, topic: str, rate_hz: float) -> None:
-    """Until it is killed: messages as large as those of seven joints."""
+    """Publish messages as large as those of seven joints until the process is killed."""
     publisher = node.create_publisher(JointState, topic, QoSProfile(depth=1000))
     message = JointState(name=[f"joint{index}" for index in range(1, 8)], position=[0.1] * 7)
     message.velocity = message.effort = [0.1] * 7

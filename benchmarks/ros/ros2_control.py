@@ -1,4 +1,4 @@
-"""How soon an arm behind ros2_control has a goal, and how soon it works again after a fault.
+"""The time until an arm behind ros2_control has a goal, and until it works again after a fault.
 
 The controllers are rclpy's, in a process of their own; the same goals come from rclpy's action client in the
 same run.
@@ -28,7 +28,7 @@ FAILS_S = 0.1
 
 
 def ros2_control(goals: int) -> Iterator[Row]:
-    """Answers to goals, from the backend and over HTTP, and resets."""
+    """Answer times for goals, from the backend and over HTTP, and reset times."""
     prefix = built_packages(controller_packages())
     with own_domain() as domain:
         double = Double(domain, prefix)
@@ -76,7 +76,7 @@ def ros2_control(goals: int) -> Iterator[Row]:
 
 
 def _answer_s(arm: Ros2ControlArm) -> float:
-    """How long a goal waits for its answer; then it is executed."""
+    """The time until a goal is answered. The goal is then executed."""
     measured = Measured(7)
     arm.state(measured)
     path, times_s, rows = motion(measured.position.copy(), 0.0, GOAL_S)
@@ -91,7 +91,7 @@ def _answer_s(arm: Ros2ControlArm) -> float:
 
 
 def _reset_s(arm: Ros2ControlArm, double: Double, fault: str) -> float:
-    """From the end of a fault's cause to the end of the reset."""
+    """The time from the end of a fault's cause to the end of the reset."""
     measured = Measured(7)
     arm.state(measured)
     _, times_s, rows = motion(measured.position.copy(), CHANGE_RAD, 1.5)
@@ -124,7 +124,7 @@ def _reset_s(arm: Ros2ControlArm, double: Double, fault: str) -> float:
 
 
 def _request_s(http: httpx.Client, double: Double, place: np.ndarray, number: int) -> float:
-    """From a request to the moment at which the controller has accepted its goal."""
+    """The time from a request until the controller has accepted its goal."""
     joints = (place + CHANGE_RAD * (number % 2 * 2 - 1)).tolist()
     begun_s = time.monotonic()
     http.post("/robot/move/joints", json={"joints": joints, "speed": 1.0}).raise_for_status()

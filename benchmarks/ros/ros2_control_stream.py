@@ -78,7 +78,7 @@ def answers(rate_hz: float, count: int) -> Iterator[Row]:
 
 
 def faults(kind: str, moves: int, repetitions: int) -> Iterator[Row]:
-    """Moves with 5 % of the datagrams lost in each direction, and recoveries."""
+    """Moves during which 5 % of the datagrams are lost in each direction, and recoveries."""
     settings = load_settings()
     home = list(load_robot(settings).positions["home"].joints)
     goals = ([home[0] + TURN_RAD, *home[1:]], home)
@@ -98,7 +98,7 @@ def faults(kind: str, moves: int, repetitions: int) -> Iterator[Row]:
 
 
 def ros2_control_stream(quick: bool) -> Iterator[Row]:
-    """Everything: about twelve minutes, `quick` two."""
+    """Run all measurements. This takes about twelve minutes, or two minutes with `quick`."""
     yield goals_row(5 if quick else 50)
     kind = "ros2_control_stream"
     yield commands_row(f"{kind}: commands that the controller is sent", load_settings(), kind)

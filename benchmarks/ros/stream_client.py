@@ -24,7 +24,7 @@ from rtloop.realtime import freeze_garbage, prepare
 
 
 def backend(domain: int) -> None:
-    """Until it is ended, as punctual as rtloop."""
+    """Run the backend, as punctually as rtloop, until the process is ended."""
     settings = load_settings()
     chosen = settings.robot.backend.model_copy(
         update={"type": "ros2_control_stream", "options": {"connect_s": 20.0, "state_timeout_s": 5.0}}
@@ -48,7 +48,7 @@ def backend(domain: int) -> None:
 
 
 async def echo(domain: int) -> None:
-    """Until it is ended."""
+    """Echo the positions until the process is ended."""
     name = NodeName("echo")
     participant = Participant(domain, localhost_only=True, name=name.full, user_data=ENCLAVE)
     node = DdsNode(participant, name, Messages(), None, asyncio.get_running_loop())

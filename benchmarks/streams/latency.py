@@ -1,4 +1,6 @@
-"""From a command to the first cycle that it changes: through shared memory and through the WebSocket."""
+"""The time from a command to the first cycle that it changes, through shared memory and through the
+WebSocket.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,7 @@ MAX_WAIT_S = 1.0
 
 
 def commands(repetitions: int, slices: int) -> Iterator[Row]:
-    """Joint targets of a client, in slices that alternate with a bare echo's."""
+    """Joint targets from a client, in slices that alternate with those of a bare echo."""
     random = np.random.default_rng(4)
     near, far, near_floor, far_floor = [], [], [], []
     count = repetitions // slices
@@ -77,7 +79,9 @@ def _session(robot_or_url: str, memory: RobotMemory, count: int, random: np.rand
 
 
 def changed_ns(memory: RobotMemory, before: float) -> int:
-    """When the first state was published that commands another position; a missed one counts as late."""
+    """The publication time of the first state with a different commanded position. If that state was missed,
+    the next one counts.
+    """
     deadline_s = time.monotonic() + MAX_WAIT_S
     while time.monotonic() < deadline_s:
         state = memory.state.read()

@@ -1,4 +1,4 @@
-"""How far the arm goes beyond the targets of a stream that steps, stops or wavers.
+"""The distance by which the arm moves beyond the targets of a stream that steps, stops or wavers.
 
 The streams are those of `tests/rtloop/streaming/test_overshoot.py`, on the virtual clock. What is measured is
 what is commanded, after the safety layer.
@@ -43,26 +43,28 @@ SERVO = [
 
 
 def steps(rate_hz: int, random: np.random.Generator) -> Array:
-    """Still, a step that is not refused as a jump, still: up, and half the way back."""
+    """Targets that stand still, step up, stand still, and step back by half. The steps are small enough not
+    to be rejected as jumps.
+    """
     size = min(0.02, 0.7 * (1.0 / rate_hz + 0.005))
     held = np.ones(max(2, round(0.4 * rate_hz)))
     return np.concatenate([0.0 * held, size * held, 0.5 * size * held])
 
 
 def ramp(rate_hz: int, random: np.random.Generator) -> Array:
-    """At a constant speed, then still at once."""
+    """Targets that move at a constant speed, and then suddenly stand still."""
     speed, rise_s = random.uniform(0.05, 0.6), random.uniform(0.2, 1.0)
     times_s = np.arange(round((rise_s + 0.5) * rate_hz) + 2) / rate_hz
     return speed * np.minimum(times_s, rise_s)
 
 
 def walk(rate_hz: int, random: np.random.Generator) -> Array:
-    """Another speed with each target."""
+    """Targets that move at a different speed after each target."""
     return np.cumsum(random.uniform(-0.6, 0.6, max(12, round(0.8 * rate_hz))) / rate_hz)
 
 
 def noise(rate_hz: int, random: np.random.Generator) -> Array:
-    """Anywhere within up to 10 mrad around zero."""
+    """Random targets up to 10 mrad from zero."""
     return random.uniform(-1.0, 1.0, max(12, round(0.6 * rate_hz))) * min(0.01, 0.4 / rate_hz)
 
 
@@ -70,19 +72,20 @@ TARGETS: tuple[Make, ...] = (steps, ramp, walk, noise)
 
 
 def arrivals(targets: Array, rate_hz: int, jitter: float, random: np.random.Generator) -> Array:
-    """Times at which targets arrive in their order, s: each up to a share of a period late."""
+    """Times at which the targets arrive, in order, s. Each target is late by up to a share of a period."""
     late = random.uniform(0.0, jitter, len(targets))
     return np.maximum.accumulate((np.arange(len(targets)) + late) / rate_hz)
 
 
 def beyond(way: Array, targets: Array) -> tuple[float, float]:
-    """How far the way leads beyond the range of the targets and its start, and that range."""
+    """The distance by which the path leads beyond the range of the targets and its start, and this range."""
     low, high = min(targets.min(), 0.0), max(targets.max(), 0.0)
     return max(way.max() - high, low - way.min()), high - low
 
 
 def beyond_steps(way: Array, targets: Array, arrivals_s: Array) -> tuple[float, float]:
-    """How far the way leads beyond the targets of `steps` as it settles on each, and the targets' range.
+    """The distance by which the path leads beyond the targets of `steps` when it settles at each of them, and
+    the targets' range.
 
     The last step goes down: what is below its target counts from its arrival on, and from each joint's peak,
     because a joint may still be on its way up when the step arrives.
@@ -96,8 +99,9 @@ def beyond_steps(way: Array, targets: Array, arrivals_s: Array) -> tuple[float, 
 
 
 def swing(way: Array, targets: Array, arrivals_s: Array) -> float:
-    """How far the way leads back from the targets of `steps` once it has come towards them, as a share of the
-    step: the swing on the near side of a target that stands still."""
+    """The distance by which the path swings back on the near side of the targets of `steps` after it has
+    approached them, as a share of the step.
+    """
     first, last = np.flatnonzero(np.diff(targets)) + 1
     begun, turned = round(1000 * arrivals_s[first]), round(1000 * arrivals_s[last])
     back = 0.0
@@ -109,7 +113,8 @@ def swing(way: Array, targets: Array, arrivals_s: Array) -> float:
 
 
 def joints(kind: Interpolation) -> Follow:
-    """Joint targets with this interpolation; where the moved joints are commanded, from home, (n, 4).
+    """The commanded positions of the moved joints relative to home, for joint targets with this
+    interpolation. Shape: (n, 4).
 
     The client repeats its last target, or the session would hold the arm after its timeout.
     """
@@ -149,7 +154,9 @@ def points(mode: ServoMode, law: tuple[float, float]) -> Follow:
 
 
 def chunks(seen_s: float = 0.5) -> Follow:
-    """Chunks of the targets of the next `seen_s`, a new one every half of that; jitter delays the chunks."""
+    """Chunks with the targets of the next `seen_s` seconds. A new chunk comes after half of that time,
+    delayed by the jitter.
+    """
 
     def follow(arm: Rig, rate_hz: int, targets: Array, arrivals_s: Array) -> Array:
         assert arm.stream() == ""
@@ -168,7 +175,7 @@ def chunks(seen_s: float = 0.5) -> Follow:
 
 
 def poses(kind: Interpolation) -> Follow:
-    """Poses along the base's y with this interpolation; where the TCP is commanded, in m, (n, 1).
+    """The commanded TCP positions for poses along the base's y axis with this interpolation, m, shape (n, 1).
 
     It is given back as if poses moved as far as joints.
     """
@@ -192,7 +199,7 @@ def poses(kind: Interpolation) -> Follow:
 
 
 def send_chunk(arm: Rig, times_s: Array, offsets: Array) -> None:
-    """Waypoints of the moved joints, from home."""
+    """Send waypoints of the moved joints relative to home."""
     chunk = arm.memory.chunk.data
     chunk["session"] = arm.memory.session.data["number"]
     chunk["number"] += 1
@@ -226,7 +233,9 @@ STREAMS: dict[str, tuple[Follow, float]] = (
 
 
 def overshoot(repetitions: int) -> Iterator[Row]:
-    """The largest share of its targets' range by which a stream goes beyond it, at any rate and jitter."""
+    """The largest distance by which a stream leads beyond its targets' range, as a share of this range, at
+    any rate and jitter.
+    """
     for name, (follow, share) in STREAMS.items():
         bounds = (0.0, *[100.0 * share] * 3)
         yield row(

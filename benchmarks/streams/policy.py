@@ -1,4 +1,4 @@
-"""From a policy's chunk to the first cycle that it changes, for policies behind openpi's protocol."""
+"""The time from a policy's chunk to the first cycle that it changes, for policies on openpi servers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ COMMAND_HZ = 100
 
 
 class Noted:
-    """A policy whose answers are timed.
+    """A policy that records the times of its answers.
 
     Attributes:
         sent_ns, here_ns: when the last answer was sent by its server, and when it was here, unpacked.
@@ -77,7 +77,9 @@ def policy(repetitions: int, slices: int) -> Iterator[Row]:
 def _chunks(
     robot_name: str, memory: RobotMemory, address: str, count: int, random: np.random.Generator
 ) -> Iterator[tuple[float, float]]:
-    """Milliseconds to the first changed cycle: since the server's sending, and since the answer is here."""
+    """Times until the first changed cycle, ms: from the moment the server sends, and from the arrival of the
+    answer.
+    """
     with PolicyConnection(address) as connection, Robot(robot_name, verbose=False) as robot:
         robot.switch_mode(Mode.RT_JOINT_IMPEDANCE)
         with robot.start_joint_impedance_control(COMMAND_HZ, interpolation="quintic") as control:
@@ -92,7 +94,7 @@ def _chunks(
 
 
 def _at_rest(memory: RobotMemory) -> float:
-    """Where the first joint is commanded to be, once that has stayed the same for a while."""
+    """The commanded position of the first joint, once it has stayed the same for a while."""
     here, since_s = float("nan"), 0.0
     while True:
         now = float(memory.state.read()["commanded_position"][0])
@@ -104,7 +106,7 @@ def _at_rest(memory: RobotMemory) -> float:
 
 
 def _listened(address: str, count: int, random: np.random.Generator) -> list[float]:
-    """Milliseconds of the same answer to a client that does nothing with it."""
+    """Times of the same answer, ms, for a client that does nothing with it."""
     delays = []
     with PolicyConnection(address) as connection:
         for _ in range(count):

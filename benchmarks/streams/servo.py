@@ -1,4 +1,6 @@
-"""Servo modes: from a point to the first cycle that it changes, and how the same reference is tracked."""
+"""Servo modes: the time from a point to the first cycle that it changes, and the tracking of the same
+reference.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,7 @@ COLUMNS = ("RMS error, mrad", "lag, ms", "RMS jerk, rad/s³")
 
 
 def servo(repetitions: int, duration_s: float) -> Iterator[Row]:
-    """Latency of single points after a rest, then tracking of a stream of 100 Hz."""
+    """Latency of single points sent at rest, then tracking of a stream at 100 Hz."""
     random = np.random.default_rng(6)
     with service() as run:
         memory = reader(run)
@@ -85,7 +87,7 @@ def _latencies(memory: RobotMemory, mode: ServoMode, count: int, random: np.rand
 
 
 def _wait_for(memory: RobotMemory, stream: StreamWriter, number: int) -> None:
-    """Until the session has begun, or for 0 has ended."""
+    """Wait until the session has begun, or for mode 0 until it has ended."""
     deadline_s = time.monotonic() + ANSWER_S
     while int(memory.state.read()["session"]) != number:
         if (refusal := stream.answer(number)) or time.monotonic() > deadline_s:
@@ -94,14 +96,14 @@ def _wait_for(memory: RobotMemory, stream: StreamWriter, number: int) -> None:
 
 
 def _path(time_s: Array | float) -> Array:
-    """Where a joint shall be, rad from home: up to 0.3 rad/s."""
+    """The reference position of a joint, rad from home. Its speed is at most 0.3 rad/s."""
     return np.asarray(0.1 * eased(time_s, RISE_S) * np.sin(0.8 * np.pi * np.asarray(time_s)))
 
 
 def _tracking(
     mode: ServoMode, every: int, law: tuple[float, float], duration_s: float
 ) -> tuple[float, float, float]:
-    """The error at the delay at which joint 1 fits the path best, that delay, and the jerk."""
+    """The tracking error at the delay for which joint 1 fits the path best, this delay, and the jerk."""
     cycles = round(duration_s * 1000)
     with rig() as arm:
         stream = Stream.CARTESIAN if mode in FORCE_MODES else Stream.JOINT_IMPEDANCE

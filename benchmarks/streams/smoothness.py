@@ -1,4 +1,4 @@
-"""How smoothly the arm follows a policy that sends few targets, and how far behind."""
+"""The smoothness and the lag of the arm when it follows a policy that sends few targets."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ COLUMNS = ("RMS jerk, rad/s³", "peak jerk, rad/s³", "lag, ms")
 
 
 def smoothness(duration_s: float) -> Iterator[Row]:
-    """Jerk of what is commanded, and its delay, beside the same targets joined by straight lines alone."""
+    """The jerk of the commands and their delay, next to the same targets joined by straight lines."""
     for rate_hz in RATES_HZ:
         for kind in (*Interpolation, None):
             commanded, bare = _followed(rate_hz, kind, duration_s)
@@ -42,14 +42,18 @@ def smoothness(duration_s: float) -> Iterator[Row]:
 
 
 def _path(time_s: Array | float) -> Array:
-    """Where the policy wants a joint, rad from home: up to 0.34 rad/s, 1.1 rad/s², 4.5 rad/s³."""
+    """The position that the policy requests for a joint, rad from home: up to 0.34 rad/s, 1.1 rad/s², 4.5
+    rad/s³.
+    """
     time_s = np.asarray(time_s, float)
     wave = 0.1 * np.sin(0.6 * np.pi * time_s) + 0.03 * np.sin(1.6 * np.pi * time_s + 1.0)
     return eased(time_s, RISE_S) * wave
 
 
 def _followed(rate_hz: int, kind: Interpolation | None, duration_s: float) -> tuple[Array, Array]:
-    """Joint 1 from home in each cycle, as commanded and as straight lines would have it; chunks for None."""
+    """Joint 1 relative to home in each cycle, as commanded and on straight lines between the targets. None
+    means chunks.
+    """
     every, cycles = round(1000 / rate_hz), round(duration_s * 1000)
     random = np.random.default_rng(rate_hz)
     due_s = (0.5 + np.arange(duration_s * rate_hz)) / rate_hz
@@ -88,7 +92,7 @@ def _send_chunk(arm: Rig, times_s: Array, began_s: float) -> None:
 
 
 def _measured(joint: Array) -> tuple[float, float, float]:
-    """RMS and peak of the jerk, and the lag at which the joint fits the policy's path best."""
+    """RMS and peak of the jerk, and the lag for which the joint fits the policy's path best."""
     jerk = np.diff(joint, 3)[round(RISE_S * 1000) :] / 1e-9
     times_s = np.arange(len(joint)) * 1e-3
     past = round(RISE_S * 1000)

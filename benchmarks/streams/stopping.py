@@ -1,4 +1,4 @@
-"""How far an arm goes that has to stop, and how hard it brakes: on the virtual clock, from full speed."""
+"""The stopping distance of an arm and its deceleration, on the virtual clock, from full speed."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def _estop(arm: Rig) -> None:
 
 
 def _silence(arm: Rig) -> None:
-    """No target comes any more: what else would happen, happens."""
+    """Let the targets end. Everything else continues as usual."""
 
 
 def _dead_service(arm: Rig) -> None:
@@ -44,7 +44,7 @@ PLAN_CAUSES: dict[str, Cause] = {"stop": _stop, "service timeout": _dead_service
 
 
 def stops(repetitions: int) -> Iterator[Row]:
-    """Each cause at random moments of streams and of planned motions."""
+    """Trigger each cause of a stop at random moments of streams and of planned motions."""
     for name, cause in STREAM_CAUSES.items():
         yield _row(f"{name}, from a stream at full speed", [_streamed(cause, n) for n in range(repetitions)])
     for name, cause in PLAN_CAUSES.items():
@@ -65,7 +65,7 @@ def _row(name: str, found: list[tuple[float, float, float, float]]) -> Row:
 
 
 def _streamed(cause: Cause, seed: int) -> tuple[float, float, float, float]:
-    """Targets at 100 Hz, faster and faster, then as fast as the limits allow."""
+    """Targets at 100 Hz that accelerate up to the limits."""
     random = np.random.default_rng(seed)
     with rig() as arm:
         start = arm.home - 1.2 * MOVED
@@ -94,7 +94,9 @@ def _planned(cause: Cause, seed: int) -> tuple[float, float, float, float]:
 
 
 def _stopped(arm: Rig, cause: Cause) -> tuple[float, float, float, float]:
-    """Distance of the joint that goes furthest, peaks as shares of the limits, the shortest such distance."""
+    """The stopping distance of the joint that moves furthest, the peaks as shares of the limits, and the
+    shortest possible distance.
+    """
     state = arm.loop.controller.safety.command.copy()
     begin = len(arm.commanded)
     cause(arm)
@@ -106,7 +108,9 @@ def _stopped(arm: Rig, cause: Cause) -> tuple[float, float, float, float]:
 
 
 def _shortest(state: Array, limits: JointLimits) -> float:
-    """How far the joint goes that goes furthest when each brakes as fast as it may, rad."""
+    """The stopping distance of the joint that moves furthest if each joint brakes as hard as the limits
+    allow, rad.
+    """
     problem = ruckig.InputParameter(limits.dof)
     problem.control_interface = ruckig.ControlInterface.Velocity
     problem.synchronization = ruckig.Synchronization.No

@@ -1,1 +1,1 @@
-"""Random requests of every planner, each answer judged without cobot."""
+"""Random requests to every planner. Each answer is judged without cobot."""

@@ -1,4 +1,4 @@
-"""Random requests of every planner, each of them made of the seed, the arm and a number alone."""
+"""Random requests to every planner. Each request depends only on the seed, the arm and a number."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ TENS, LOADED_TEN = 5, 2
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One request: of several motions one after the other for joined, of timed points for timed."""
+    """One request. `joined` has several motions, one after the other; `timed` has timed points."""
 
     number: int
     kind: str
@@ -40,7 +40,7 @@ class Case:
 
 
 def case(arm: Arm, number: int, seed: int) -> Case:
-    """The request of this number; numbers that are equal modulo ten are of one planner."""
+    """The request with this number. Requests whose numbers are equal modulo ten are for the same planner."""
     return _Maker(arm, number, seed).case(number)
 
 
@@ -69,7 +69,7 @@ class _Maker:
         return Case(number, kind, self.robot, (request,))
 
     def _scene(self) -> Scene:
-        """Boxes, where the arm reaches."""
+        """Boxes within the arm's reach."""
         objects = {}
         for index in range(self.random.integers(1, 5)):
             place = self.robot.model.forward(self._any()).position + self.random.normal(0.0, 0.1, 3)
@@ -95,7 +95,9 @@ class _Maker:
         return joints
 
     def _start(self) -> Array:
-        """Mostly free, sometimes anywhere, sometimes a little beyond a limit."""
+        """A start position that is usually collision-free, sometimes random, and sometimes slightly beyond a
+        limit.
+        """
         draw = self.random.random()
         if draw > 0.95:
             return self._any()
@@ -110,13 +112,15 @@ class _Maker:
         return Scaling(float(random.choice([0.1, 0.4, 1.0])), float(random.choice([0.0, 0.3, 1.0])))
 
     def _near(self, start: Array, most_m: float, turn: float) -> Pose:
-        """A pose some way from that of these joints."""
+        """A pose at a random distance from the pose of these joint positions."""
         here, way = self.robot.model.forward(start), self.random.normal(size=3)
         way *= self.random.uniform(0.02, most_m) / np.linalg.norm(way)
         return Pose(here.position + way, here.quaternion + turn * self.random.normal(size=4))
 
     def _pose(self, start: Array, near: float) -> Pose:
-        """Near the start in this share of all draws, else anywhere in reach, seldom beyond."""
+        """A goal pose: near the start in this share of all cases, otherwise at a random place within reach,
+        and rarely out of reach.
+        """
         draw = self.random.random()
         if draw < near:
             return self._near(start, 0.5, float(self.random.choice([0.0, 0.1, 0.3])))
@@ -144,7 +148,7 @@ class _Maker:
         return request
 
     def _arc(self, request: MotionRequest) -> MotionRequest:
-        """Through a point, or by an angle about an axis."""
+        """Change a lin request to an arc, through a point or by an angle about an axis."""
         if self.random.random() < 0.6:
             via = self._near(request.start, 0.3, 0.0).position
             return replace(request, planner=PlannerName.CIRC, via=via)
@@ -156,7 +160,9 @@ class _Maker:
         return replace(request, planner=PlannerName.CIRC, arc=arc)
 
     def _chain(self, start: Array) -> tuple[tuple[MotionRequest, ...], tuple[float, ...]]:
-        """ptp and lin mixed; each leg's start is a guess, which counts for the first one alone."""
+        """A mixture of ptp and lin motions. Each leg's start is a guess, and only the start of the first leg
+        counts.
+        """
         legs, at = [], start
         for _ in range(self.random.integers(2, 5)):
             if self.random.random() < 0.5:
@@ -191,7 +197,9 @@ class _Maker:
         return Constraints(cone, box, joints)
 
     def _timed(self, start: Array) -> WaypointRequest:
-        """What TOTG sends, at a share of the limits, rounded, the arm beside the first point."""
+        """A trajectory that TOTG has timed, at a share of the limits and with rounded values. The arm is
+        close to the first point.
+        """
         limits, random = self.limits, self.random
         share = float(random.choice([0.3, 0.7, 1.0, 1.3]))
         legs = random.uniform(-0.6, 0.6, (random.integers(1, 5), limits.dof))

@@ -1,5 +1,5 @@
-"""What is wrong with a motion? Judged without cobot: pinocchio's kinematics and dynamics, MuJoCo's distances,
-polynomials by numpy.
+"""Finds what is wrong with a motion, without cobot: with pinocchio's kinematics and dynamics, MuJoCo's
+distances, and numpy's polynomials.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ POWERS = np.arange(6)
 
 
 class Judge:
-    """Of one arm in one scene, with what it carries."""
+    """Judges the motions of one arm in one scene, with its load."""
 
     def __init__(self, arm: Arm, robot: RobotDescription) -> None:
         self.arm, self.robot = arm, robot
@@ -52,26 +52,28 @@ class Judge:
         return place.translation.copy(), place.rotation.copy()
 
     def path(self, rows: Array) -> tuple[Array, Rotation]:
-        """The same of joint samples (n, dof)."""
+        """Positions and rotations of the TCP for joint samples, shape (n, dof)."""
         places = [self.tcp(joints) for joints in rows]
         return np.array([p for p, _ in places]), Rotation.from_matrix(np.array([r for _, r in places]))
 
     def off(self, joints: Array, pose: Pose) -> float:
-        """How far the TCP is from a pose, m or rad, whichever is more."""
+        """The deviation of the TCP from a pose, m or rad, whichever is larger."""
         position, turn = self.tcp(joints)
         wanted = Rotation.from_quat(pose.quaternion, scalar_first=True)
         angle = (wanted.inv() * Rotation.from_matrix(turn)).magnitude()
         return float(max(np.linalg.norm(position - pose.position), angle))
 
     def jacobian(self, joints: Array) -> Array:
-        """Of the TCP, shape (6, dof), in the base frame's axes (the bases here are not turned)."""
+        """The TCP's Jacobian, shape (6, dof), in the base frame's axes. The bases of these arms are not
+        rotated.
+        """
         frame = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
         return np.array(
             pinocchio.computeFrameJacobian(self.arm.model, self._data, joints, self.arm.tcp, frame)
         )
 
     def distance(self, joints: Array) -> float:
-        """Of the nearest pair that may collide, m; `NEAR_M` if none is nearer."""
+        """The distance of the nearest pair that may collide, m; `NEAR_M` if no pair is nearer."""
         self._state.qpos[:] = joints
         mujoco.mj_kinematics(self._mj, self._state)
         mujoco.mj_collision(self._mj, self._state)
@@ -84,7 +86,9 @@ class Judge:
         return found
 
     def flaws(self, motion: Trajectory, limits: JointLimits, tolerance: float = 1e-9) -> Iterator[str]:
-        """Of limits on true extrema, continuity, rest at both ends, steps, distances and efforts."""
+        """Yield violations of limits at the true extrema, jumps, ends that are not at rest, collisions, and
+        efforts that are too high.
+        """
         yield from broken_limits(motion, limits, tolerance)
         yield from jumps(motion)
         times = np.linspace(0.0, motion.duration_s, LOOKS)
@@ -109,7 +113,7 @@ class Judge:
             yield f"collision: {1e3 * min(distances):.2f} mm, sample {int(np.argmin(distances))} of {LOOKS}"
 
     def tcp_flaws(self, motion: Trajectory, limits: CartesianLimits) -> Iterator[str]:
-        """Of the speed of the TCP."""
+        """Yield violations of the TCP's speed limits."""
         times = np.linspace(0.0, motion.duration_s, LOOKS)
         rows, rates = motion.sample(times), motion.sample(times, 1)
         twists = np.array([self.jacobian(q) @ v for q, v in zip(rows, rates, strict=True)])
@@ -122,7 +126,7 @@ class Judge:
                 yield f"TCP: {name} speed {most:.6g}, its limit is {limit:.6g}"
 
     def broken(self, constraints: Constraints, rows: Array, start: Array) -> float:
-        """By how much the worst of the rows breaks the constraints, rad or m; negative if none does."""
+        """The largest violation of the constraints in all rows, rad or m; negative if there is none."""
         positions, turns = self.path(rows)
         worst = -np.inf
         if constraints.cone is not None:
@@ -142,7 +146,9 @@ class Judge:
         return worst
 
     def solutions(self, pose: Pose, random: np.random.Generator, tries: int) -> list[Array]:
-        """Joints within the limits that reach a pose: damped descents from random configurations."""
+        """Joint positions within the limits that reach a pose, found by damped descents from random
+        configurations.
+        """
         limits, target = self.robot.limits, Rotation.from_quat(pose.quaternion, scalar_first=True)
         found = []
         for _ in range(tries):
@@ -163,7 +169,9 @@ class Judge:
 
 
 def broken_limits(motion: Trajectory, limits: JointLimits, tolerance: float = 1e-9) -> Iterator[str]:
-    """Of position, velocity, acceleration and jerk, anywhere: many samples, and roots where they are near."""
+    """Yield the violations of position, velocity, acceleration and jerk limits. Many samples are checked;
+    where they are close to a limit, the exact extrema are computed.
+    """
     durations, span = np.diff(motion.breakpoints_s), limits.max_position - limits.min_position
     rates = (limits.max_velocity, limits.max_acceleration, limits.max_jerk)
     bounds = [(limits.min_position, limits.max_position), *((-rate, rate) for rate in rates)]
@@ -188,7 +196,7 @@ def broken_limits(motion: Trajectory, limits: JointLimits, tolerance: float = 1e
 
 
 def _extrema(coefficients: Array) -> tuple[float, float]:
-    """Of a polynomial with ascending coefficients on [0, 1]."""
+    """The lowest and highest value of a polynomial with ascending coefficients on [0, 1]."""
     roots = np.roots((coefficients[1:] * np.arange(1, len(coefficients)))[::-1])
     places = np.concatenate([PER_PIECE, np.clip(roots.real, 0.0, 1.0)])
     values = np.polyval(coefficients[::-1], places)
@@ -196,7 +204,9 @@ def _extrema(coefficients: Array) -> tuple[float, float]:
 
 
 def jumps(motion: Trajectory) -> Iterator[str]:
-    """Where position, velocity or acceleration jump, and where the motion does not begin and end at rest."""
+    """Yield the jumps of position, velocity or acceleration, and the ends at which the motion is not
+    at rest.
+    """
     durations = np.diff(motion.breakpoints_s)
     rows = motion.coefficients
     for derivative, allowed in enumerate(JUMPS):

@@ -38,7 +38,9 @@ ALLOWANCE = 2e-4
 
 @dataclass(slots=True)
 class Tally:
-    """Of one planner on one arm. `missed`: refused, although a search has found a motion."""
+    """The results of one planner on one arm. `missed`: requests that were rejected, although a search has
+    found a motion.
+    """
 
     asked: int = 0
     planned: int = 0
@@ -57,8 +59,8 @@ class Tally:
 
 
 def main(words: Sequence[str]) -> int:
-    """Prints the table, and at once, to stderr, each request with something wrong or missed, by its number;
-    1 if one is wrong.
+    """Print the table. Each request with a wrong or missed motion is also printed to stderr as soon as it is
+    found, with its number. Returns 1 if a motion is wrong.
     """
     parser = argparse.ArgumentParser(prog="python -m benchmarks stress", description=__doc__)
     parser.add_argument("--quick", action="store_true", help=f"{FEW} requests on each arm, not {MANY}")
@@ -91,7 +93,7 @@ def main(words: Sequence[str]) -> int:
 
 
 def one(arm: Arm, case: Case, tally: Tally, share: float) -> None:
-    """Ask for it, and judge the answer."""
+    """Make the request, and judge the answer."""
     judge = Judge(arm, case.robot)
     tally.asked += 1
     known = len(tally.missed), len(tally.wrong)
@@ -187,7 +189,7 @@ def _joined_flaws(judge: Judge, case: Case) -> Iterator[str]:
 
 
 def _leg_flaws(motion: Trajectory, ends_s: Sequence[float], limits: Sequence[JointLimits]) -> Iterator[str]:
-    """Velocities of each leg, away from where it gives way to the next one."""
+    """Yield violations of each leg's velocity limits, away from the corners."""
     for begin, end, of_leg in zip(ends_s, ends_s[1:], limits, strict=False):
         rates = np.abs(motion.sample(np.linspace(begin, end, 60)[1:-1], 1)).max(axis=0)
         if (rates > of_leg.max_velocity * (1.0 + 1e-6)).any():

@@ -1,4 +1,4 @@
-"""Was a refusal right? Looked at again: the configuration that is named, all branches, or a whole grid."""
+"""Checks whether a rejection was right: the named configuration, all branches, or a whole grid."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ LONG_M = 0.5
 
 
 def confirmed(judge: Judge, case: Case, exc: CobotError, random: np.random.Generator) -> bool | None:
-    """Whether there is no such motion; None where no search of ours tells."""
+    """Whether no such motion exists; None if no search can decide this."""
     text = str(exc)
     if case.timed is not None or case.kind == "joined":
         return _named(judge, text)
@@ -61,7 +61,7 @@ def confirmed(judge: Judge, case: Case, exc: CobotError, random: np.random.Gener
 
 
 def _goals(judge: Judge, request: MotionRequest, random: np.random.Generator) -> list[Array]:
-    """All that are found."""
+    """All joint positions that are found for the goal."""
     if not isinstance(request.goal, Pose):
         return [request.goal]
     found = judge.solutions(request.goal, random, TRIES)
@@ -73,7 +73,7 @@ def _is_free(judge: Judge, joints: Array) -> bool:
 
 
 def _named(judge: Judge, text: str) -> bool | None:
-    """Whether the configuration that a message names touches something."""
+    """Whether the configuration in an error message is in collision."""
     named = re.search(r"at (-?\d+) mm after .*?at joints \[([^]]*)\]", text)
     if named is None:
         return None
@@ -99,7 +99,7 @@ def _breaks(judge: Judge, request: MotionRequest, text: str) -> bool | None:
 
 
 def _no_way(judge: Judge, request: MotionRequest) -> bool | None:
-    """Whether ompl, with other random numbers and more time, finds none either."""
+    """Whether ompl, with different random numbers and more time, finds no path either."""
     other = replace(request, planner=PlannerName.OMPL, seed=request.seed + 1000, timeout_s=20.0)
     try:
         plan(judge.robot, other)
@@ -109,7 +109,9 @@ def _no_way(judge: Judge, request: MotionRequest) -> bool | None:
 
 
 def _no_line(judge: Judge, request: MotionRequest) -> bool | None:
-    """Arm angle by path for S-R-S arms; for six joints the one way that there is, followed in small steps."""
+    """Whether no line exists. S-R-S arms: a grid of arm angles along the path. Six joints: the only possible
+    joint path, followed in small steps.
+    """
     robot, path = judge.robot, _path(judge, request)
     fineness = max(1, int(np.ceil(path.length_m / LONG_M)))
     if robot.model.inverse_kinematics.arm_angle is not None:
@@ -122,7 +124,7 @@ def _no_line(judge: Judge, request: MotionRequest) -> bool | None:
 
 
 def _path(judge: Judge, request: MotionRequest) -> TcpPath:
-    """Where the TCP was to be; `shape` has its own opinion of where it is."""
+    """The requested path of the TCP. `shape` computes this path independently."""
     position, turn = judge.tcp(request.start)
     here = Pose(position, Rotation.from_matrix(turn).as_quat(scalar_first=True))
     if request.arc is not None and request.arc.angle_rad is not None:
@@ -136,7 +138,9 @@ def _path(judge: Judge, request: MotionRequest) -> TcpPath:
 
 
 def _drawn_along(judge: Judge, start: Array, poses: Array) -> bool:
-    """Random configurations from place to place, each within a step of one before; no cost, no memory."""
+    """Random configurations from place to place. Each is within one step of a configuration at the previous
+    place.
+    """
     robot, random, rows = judge.robot, np.random.default_rng(5), start[None]
     descend, limits = robot.model.inverse_kinematics.descend, robot.limits
     for pose in poses:
@@ -154,7 +158,9 @@ def _drawn_along(judge: Judge, start: Array, poses: Array) -> bool:
 
 
 def _followed(judge: Judge, start: Array, poses: Array) -> bool:
-    """Newton's method from place to place, without jumps, within the limits, free."""
+    """Follow the path from place to place with Newton's method, without jumps or collisions and within the
+    limits.
+    """
     limits, joints = judge.robot.limits, start.copy()
     for pose in poses:
         before, wanted = joints, Rotation.from_quat(pose[3:], scalar_first=True)

@@ -1,4 +1,6 @@
-"""Is the TCP on the path that was asked for? By geometry of ours: lin, circ, polyline and round corners."""
+"""Checks whether the TCP is on the requested path, with its own geometry: lin, circ, polyline and round
+corners.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ BESIDE_M, BESIDE_RAD = 5.2e-5, 1.8e-4
 
 
 def flaws(judge: Judge, request: MotionRequest, rows: Array) -> Iterator[str]:
-    """Of joint samples (n, dof) along the motion."""
+    """Yield the deviations of joint samples, shape (n, dof), from the requested path."""
     positions, turns = judge.path(rows)
     if request.planner is PlannerName.LIN:
         assert isinstance(request.goal, Pose)
@@ -47,7 +49,9 @@ def _lin_flaws(positions: Array, turns: Rotation, goal: Pose) -> Iterator[str]:
 
 
 def _turn_flaws(turns: Rotation, last: Rotation, shares: Array, slack: float) -> Iterator[str]:
-    """`slack` is what the shares of the path, taken from the positions, may be off."""
+    """Yield deviations of the orientation. `slack` is the possible error of the shares of the path, which are
+    computed from the positions.
+    """
     whole = (last * turns[0].inv()).as_rotvec()
     if np.linalg.norm(whole) > 3.1:  # which way round is open
         return
@@ -99,7 +103,7 @@ def _circ_flaws(positions: Array, turns: Rotation, request: MotionRequest) -> It
 
 
 def _beside_flaws(positions: Array, corners: Sequence[Array], radius_m: float) -> Iterator[str]:
-    """On the legs, or within the radius of a corner."""
+    """Yield the places that are neither on the legs nor within the radius of a corner."""
     beside = np.min([_from_leg(positions, a, b) for a, b in pairwise(corners)], axis=0)
     near = np.zeros(len(positions), dtype=bool)
     for corner in corners[1:-1]:
@@ -118,7 +122,9 @@ def _from_leg(positions: Array, begin: Array, end: Array) -> Array:
 def beside_corners(
     judge: Judge, rows: Array, legs: Sequence[Array], radii_m: Sequence[float]
 ) -> Iterator[str]:
-    """A motion through corners: away from them each place is one of the motions with stops."""
+    """Yield the places of a motion through corners that are away from the corners and not on a motion with
+    stops.
+    """
     positions, _ = judge.path(rows)
     paths = [judge.path(each)[0] for each in legs]
     beside = np.min([_from_leg(positions, a, b) for path in paths for a, b in pairwise(path)], axis=0)

@@ -1,4 +1,4 @@
-"""The web service against a bare one: answers a second, and how soon a stop takes effect."""
+"""The web service next to a bare one: answers per second, and the time until a stop takes effect."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ JOINT_STATES = "/robot/joint_states"
 
 
 def requests_per_second(slices: int, slice_s: float) -> Iterator[Row]:
-    """GET /robot/joint_states in slices that alternate with a bare FastAPI route of equal payload.
+    """GET /robot/joint_states, in slices that alternate with a bare FastAPI route with a payload of the same
+    size.
 
     Without tokens, and with one of so many.
     """
@@ -72,7 +73,9 @@ def requests_per_second(slices: int, slice_s: float) -> Iterator[Row]:
 
 
 def stop(repetitions: int) -> Iterator[Row]:
-    """POST /stop to the first cycle that decelerates, while 20 clients poll and a planner plans."""
+    """The time from POST /stop to the first cycle that decelerates, while 20 clients poll and a planner
+    plans.
+    """
     delays: list[float] = []
     answers: list[float] = []
     with service() as run, background("benchmarks.web.bare") as bare, background("benchmarks.web.planner"):
@@ -111,7 +114,7 @@ def stop(repetitions: int) -> Iterator[Row]:
 
 @contextlib.contextmanager
 def motion(client: Client, name: str, speed: float = 0.2) -> Iterator[None]:
-    """A motion in the background; it has ended when the context does."""
+    """Context manager: a motion in the background. It has ended when the context is closed."""
 
     def move() -> None:
         with contextlib.suppress(CobotError):
@@ -126,7 +129,7 @@ def motion(client: Client, name: str, speed: float = 0.2) -> Iterator[None]:
 
 
 def until_cruising(memory: RobotMemory) -> None:
-    """Half a second into a motion."""
+    """Wait until half a second after the start of a motion."""
     deadline_s = time.monotonic() + 20.0
     while time.monotonic() < deadline_s:
         state = memory.state.read()
@@ -137,8 +140,8 @@ def until_cruising(memory: RobotMemory) -> None:
 
 
 class Answers:
-    """Of a server under as much load as it takes: how many a second, how long each took, and what it has cost
-    the server, which other work on the computer hardly changes.
+    """The answers of a server at full load: answers per second, the time of each answer, and the server's CPU
+    time, which other programs on the computer hardly change.
     """
 
     def __init__(self) -> None:
@@ -148,7 +151,7 @@ class Answers:
         self._idle = 0.0
 
     def rest(self, server: psutil.Process, duration_s: float) -> None:
-        """See what it computes without anybody who asks: that is no part of an answer."""
+        """Measure the CPU time of the server without requests, which is not part of an answer."""
         before_s = _computed_s(server)
         time.sleep(duration_s)
         self._idle = (_computed_s(server) - before_s) / duration_s
@@ -170,7 +173,7 @@ def _computed_s(process: psutil.Process) -> float:
 
 
 def _low_tail(rates: list[float]) -> tuple[float, float, float]:
-    """For a rate the bad end is the low one."""
+    """The low percentiles, which are the bad ones for a rate."""
     p50, p1, p01 = percentiles([-rate for rate in rates])
     return -p50, -p1, -p01
 

@@ -1,4 +1,4 @@
-"""The floor for HTTP: a FastAPI with three routes and nothing behind them, served as cobot is."""
+"""The floor for HTTP: a FastAPI application with three trivial routes, served in the same way as cobot."""
 
 from __future__ import annotations
 

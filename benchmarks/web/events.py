@@ -1,4 +1,6 @@
-"""Events: how soon a change in rtloop is known to who listens, and what a crowd of observers costs others."""
+"""Events: the time until a client learns of a change in rtloop, and the effect of many observers on other
+clients.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,7 @@ COLUMNS = ("p99 between targets, ms", "longest, ms", "held for want of a target"
 
 
 def events(repetitions: int, duration_s: float) -> Iterator[Row]:
-    """Latency from a change of mode in rtloop to a client of server-sent events; then a controller of 100 Hz
+    """Latency from a change of mode in rtloop to a client of server-sent events; then a controller at 100 Hz,
     with and without 200 observers.
     """
     with service() as run:
@@ -61,7 +63,9 @@ def events(repetitions: int, duration_s: float) -> Iterator[Row]:
 
 
 def _latencies(url: str, memory: RobotMemory, repetitions: int) -> list[float]:
-    """Milliseconds from the publication of each mode to its event: two motions' begin, stop and rest."""
+    """Times from the publication of each mode to its event, ms: the beginnings, stops and rests of two
+    motions.
+    """
     seen: list[tuple[str, int]] = []
     heard: list[tuple[str, int]] = []
     ended = threading.Event()
@@ -100,7 +104,9 @@ def _latencies(url: str, memory: RobotMemory, repetitions: int) -> list[float]:
 
 
 def _controlled(url: str, memory: RobotMemory, duration_s: float) -> tuple[float, float, float]:
-    """Times between targets as rtloop took them, and how often it held the arm for want of one."""
+    """Times between targets as rtloop received them, and the number of times that it held the arm because a
+    target was missing.
+    """
     gaps: list[float] = []
     ended = threading.Event()
 

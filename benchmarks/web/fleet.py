@@ -1,5 +1,5 @@
-"""A hub with many cells: its share of a core, the age of states, a stop to all, and its return after a kill
-and after a cut.
+"""A hub with many cells: its share of a core, the age of states, a stop of all cells, and its recovery after
+a kill and after a network failure.
 
 The cells run the fleet's own code and publish at the largest rate. Several of them share a process, to which
 the figures of the hub do not belong.
@@ -31,7 +31,7 @@ CUTS_S = 5.0, 60.0
 
 
 def fleet(cells: int, seconds: float, stops: int) -> Iterator[Row]:
-    """A hub with all cells, next to the same hub with one."""
+    """A hub with all cells, next to the same hub with one cell."""
     one = _measured(1, seconds, stops)
     many = _measured(cells, seconds, stops)
     beside = "the same with one cell"
@@ -106,7 +106,7 @@ class _Hub:
         return 1e3 * (time.monotonic() - begin)
 
     def return_s(self, cells: int, cut_s: float) -> float:
-        """Freeze the hub for a time. Returns how long it takes then until all cells are there."""
+        """Freeze the hub for a time. Returns the time that it then takes until all cells are connected."""
         self.process.send_signal(signal.SIGSTOP)
         time.sleep(cut_s)
         self.process.send_signal(signal.SIGCONT)
@@ -129,7 +129,7 @@ def _cells(zenoh_port: int, first: int, number: int) -> Iterator[None]:
 
 
 def _ages(zenoh_port: int, seconds: float) -> list[float]:
-    """How old each state is when a client of the router has it, in ms."""
+    """The age of each state when a client of the router receives it, ms."""
     import zenoh
 
     config = zenoh.Config()

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.web.fleet_cells HUB FIRST NUMBER`: cells with the code of the fleet, without arms."""
+"""`python -m benchmarks.web.fleet_cells HUB FIRST NUMBER`: cells that run the fleet's code, without arms."""
 
 from __future__ import annotations
 
@@ -16,13 +16,15 @@ FLEET = "benchmark"
 
 
 class MovingArm:
-    """It always moves, so that each look is published. The reason is the time of the look."""
+    """An arm that always moves, so that every state is published. The reason contains the time of the
+    state.
+    """
 
     def read(self) -> dict[str, str]:
         return {"state": "moving", "mode": "TRAJECTORY", "reason": repr(time.time())}
 
     def close(self) -> None:
-        """There is no memory."""
+        """Do nothing, because there is no shared memory."""
 
 
 def cell_of(hub: str, name: str, folder: Path) -> FleetCell:

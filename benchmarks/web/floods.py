@@ -1,4 +1,4 @@
-"""POST /stop to the first cycle that decelerates while somebody floods the service.
+"""The time from POST /stop to the first cycle that decelerates, while a client floods the service.
 
 Next to it: the answer of a bare FastAPI route under the same flood. `memory` measures the memory.
 """
@@ -31,7 +31,7 @@ RISES_S = 0.5
 
 
 def floods(repetitions: int) -> Iterator[Row]:
-    """Each flood in turn, at the same service; that of handshakes at one with TLS."""
+    """Each flood in turn at the same service; the flood of handshakes at a service with TLS."""
     with service() as run:
         process = run.child("app")
         assert process is not None
@@ -66,7 +66,9 @@ def _row(what: str, kind: str, delays: list[float], floor: list[float]) -> Row:
 def _stops(
     run: Run, memory: RobotMemory, repetitions: int, flood: subprocess.Popen[str] | None = None
 ) -> list[float]:
-    """ms. The flood rests while a motion is planned, for which it would leave no processor."""
+    """Times until a stop takes effect, ms. The flood pauses while a motion is planned, because planning would
+    get no CPU time.
+    """
     delays = []
     with visitor() as somebody:
         for _ in range(repetitions):
@@ -85,7 +87,9 @@ def _stops(
 
 
 def _floor(kind: str, repetitions: int, certificate: Path | None = None) -> list[float]:
-    """ms, of a server of its own for each flood; with the certificate of this folder over TLS."""
+    """Answer times of a separate bare server for each flood, ms. Over TLS, the server uses the certificate in
+    this folder.
+    """
     command = [sys.executable, "-m", "benchmarks.web.bare", *([str(certificate)] if certificate else [])]
     limited: Callable[[], None] = partial(resource.setrlimit, resource.RLIMIT_AS, (FLOOR_BYTES, FLOOR_BYTES))
     bare = subprocess.Popen(
@@ -104,7 +108,7 @@ def _floor(kind: str, repetitions: int, certificate: Path | None = None) -> list
 
 
 def _answers(url: str, kind: str, repetitions: int) -> list[float]:
-    """ms, each of a connection of its own."""
+    """Answer times, ms, each over its own connection."""
     with visitor() as somebody, flooding(url, kind):
         time.sleep(RISES_S)
         return [somebody.answer_ms(url) for _ in range(repetitions)]

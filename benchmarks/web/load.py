@@ -1,4 +1,4 @@
-"""Clients that cost little: GET on kept connections, from a process of their own.
+"""Cheap clients: GET requests over open connections, from a separate process.
 
     python -m benchmarks.web.load URL CLIENTS RATE SECONDS [TOKEN]
 

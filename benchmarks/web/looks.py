@@ -1,4 +1,6 @@
-"""The panel with an arm whose description has 20 MB of meshes: how soon it is there, and how it draws."""
+"""The panel with an arm whose description contains 20 MB of meshes: the time until it is shown, and its frame
+rate.
+"""
 
 from __future__ import annotations
 
@@ -80,7 +82,7 @@ def looks(repetitions: int, duration_s: float) -> Iterator[Row]:
 
 
 def _describe(folder: Path) -> int:
-    """Write an arm with seven links and a mesh for each; returns the bytes of the meshes."""
+    """Write an arm with seven links and a mesh for each link. Returns the size of the meshes in bytes."""
     folder.mkdir()
     text = urdf(ARMS["srs"])
     total = 0
@@ -111,7 +113,9 @@ def _housing(index: int) -> bytes:
 
 
 def _drawn(url: str) -> float:
-    """Of a new browser, ms from the request of the panel to the first picture of the arm with its meshes."""
+    """The time from the request of the panel in a new browser to the first picture of the arm with its
+    meshes, ms.
+    """
     with (
         tempfile.TemporaryDirectory(prefix="cobot-chromium-") as folder,
         browsing(Path(folder), SOFTWARE) as tools,

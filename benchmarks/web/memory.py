@@ -31,7 +31,7 @@ TIMEOUT_S = 120.0
 
 
 def memory(lasts_s: float) -> Iterator[Row]:
-    """Each of them in turn, for so long, at the same service.
+    """Run each flood and attack in turn for this time at the same service.
 
     Args:
         lasts_s: so long a flood goes on, and for so long an attack is repeated.
@@ -72,7 +72,7 @@ def _row(name: str, during: float, after: float, before: float, when: str) -> Ro
 
 
 def _during(run: Run, process: psutil.Process, kind: str, lasts_s: float) -> int:
-    """bytes, the most that was seen."""
+    """The largest memory use during the call, bytes."""
     most = 0
     if kind in FLOODS:
         with flooding(run.url, kind):  # which has begun then
@@ -90,7 +90,7 @@ def _during(run: Run, process: psutil.Process, kind: str, lasts_s: float) -> int
 
 
 def _ordinary(run: Run) -> None:
-    """What clients do all day."""
+    """The requests that clients make all day."""
     with httpx.Client(base_url=run.url, timeout=TIMEOUT_S) as client:
         for name in ("work", "home"):
             client.post("/robot/plan/named", json={"name": name})
@@ -109,7 +109,7 @@ def _file(path: str, field: str, name: str, content: bytes) -> Callable[[httpx.C
 
 
 def _names(client: httpx.Client) -> None:
-    """Requests that are refused, each with another name."""
+    """Send requests that are rejected, each with a different name."""
     for _ in range(REQUESTS // 10):
         name = f"{random.getrandbits(64):x}"
         client.get(f"/{name}", headers={"Authorization": f"Bearer {name}", "X-Request-Id": name})

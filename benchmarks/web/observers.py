@@ -1,4 +1,4 @@
-"""Observers that cost little: GET /events on many connections, from a process of their own.
+"""Cheap observers: GET /events on many connections, from a separate process.
 
     python -m benchmarks.web.observers URL CLIENTS STATE_HZ SECONDS
 
@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 
 
 class Observer(asyncio.Protocol):
-    """Counts states."""
+    """Counts the states that it receives."""
 
     def __init__(self, request: bytes) -> None:
         self.count = 0

@@ -1,4 +1,6 @@
-"""What people wait for: Swagger's pages in a browser, and a long CSV file until it moves the arm."""
+"""The time that people wait: for Swagger's pages in a browser, and for a long CSV file until it moves the
+arm.
+"""
 
 from __future__ import annotations
 
@@ -33,8 +35,9 @@ SWAY_RAD = np.array([0.5, 0.3, 0.4, 0.3, 0.5, 0.3, 0.6])
 
 
 def documentation(repetitions: int) -> Iterator[Row]:
-    """From the request of a page to its first paint and to its first group, each in a browser that has not
-    seen it; nothing where there is no Chromium."""
+    """The time from the request of a page to its first paint and to its first group, each in a new browser.
+    Yields nothing without Chromium.
+    """
     if CHROMIUM is None:
         return
     with service() as run:
@@ -56,7 +59,9 @@ def documentation(repetitions: int) -> Iterator[Row]:
 
 
 def shown(url: str, selector: str, *options: str) -> tuple[float, float]:
-    """Of a new browser, ms after it asked: the first paint, and when the selector first matched."""
+    """Times in a new browser from the request, ms: to the first paint, and to the first match of the
+    selector.
+    """
     with (
         tempfile.TemporaryDirectory(prefix="cobot-chromium-") as folder,
         browsing(Path(folder), *options) as tools,
@@ -70,7 +75,7 @@ def shown(url: str, selector: str, *options: str) -> tuple[float, float]:
 
 
 def csv_upload(repetitions: int) -> Iterator[Row]:
-    """POST /trajectory/send_csv of 50,000 rows at 2 ms until the motion has begun."""
+    """The time from POST /trajectory/send_csv with 50,000 rows at 2 ms until the motion has begun."""
     ours, floor = [], []
     with service() as run, Client(run.url) as robot, tempfile.TemporaryDirectory() as folder:
         home = next(each["joints"] for each in robot.positions() if each["name"] == "home")
@@ -99,7 +104,7 @@ def csv_upload(repetitions: int) -> Iterator[Row]:
 
 
 def _csv(home: Array) -> bytes:
-    """A swaying about home, from rest to rest."""
+    """A CSV file with an oscillation around home, from rest to rest."""
     times_s = np.arange(ROWS) * STEP_S
     edge = np.clip(np.minimum(times_s, times_s[-1] - times_s) / 2.0, 0.0, 1.0)
     grown = edge**4 * (35.0 - 84.0 * edge + 70.0 * edge**2 - 20.0 * edge**3)

@@ -1,5 +1,6 @@
-"""The operator panel in a browser: how soon it is there, how it draws, what it costs the service, how late it
-hears of what happens; and whether the memory of the service stays as it is while somebody looks on."""
+"""The operator panel in a browser: the time until it is shown, its frame rate, its cost for the service, the
+delay of events, and the memory of the service while the panel is open.
+"""
 
 from __future__ import annotations
 
@@ -61,7 +62,7 @@ def panel(repetitions: int, duration_s: float, memory_s: float) -> Iterator[Row]
 
 
 def drawing(run: Run, duration_s: float, what: str = "one panel open") -> Row:
-    """How often a panel draws while the arm moves to its position "work", and what that costs."""
+    """The frame rate of a panel while the arm moves to its position "work", and its cost."""
     processes = [process(run, "app"), process(run, "rtloop")]
     alone = shares(processes, duration_s)
     with panel_of(run) as page, Client(run.url, motion_timeout_s=120.0) as robot:
@@ -84,7 +85,7 @@ def drawing(run: Run, duration_s: float, what: str = "one panel open") -> Row:
 
 @contextlib.contextmanager
 def panel_of(run: Run) -> Iterator[Page]:
-    """A browser with the panel, in which the arm is drawn."""
+    """A browser with the panel, in which the arm is visible."""
     with (
         tempfile.TemporaryDirectory(prefix="cobot-chromium-") as folder,
         browsing(Path(folder), SOFTWARE) as tools,
@@ -97,7 +98,7 @@ def panel_of(run: Run) -> Iterator[Page]:
 
 
 def _open(run: Run, repetitions: int, memory_s: float) -> Iterator[Row]:
-    """With one panel open."""
+    """Measure with one open panel."""
     with panel_of(run) as page, Client(run.url, motion_timeout_s=120.0) as robot:
         yield row(
             "a mode that changes in rtloop to a page's EventSource",
@@ -111,7 +112,7 @@ def _open(run: Run, repetitions: int, memory_s: float) -> Iterator[Row]:
 
 
 def _latencies(page: Page, run: Run, repetitions: int) -> list[float]:
-    """Milliseconds from the publication of each mode to its event in the page."""
+    """Times from the publication of each mode to its event in the page, ms."""
     seen: list[tuple[str, float]] = []
     ended = threading.Event()
     memory = reader(run)
@@ -132,7 +133,7 @@ def _latencies(page: Page, run: Run, repetitions: int) -> list[float]:
 
 
 def _look(memory: RobotMemory, seen: list[tuple[str, float]], ended: threading.Event) -> None:
-    """Note each mode, and when it was published, as ms since 1970, which a page's clock counts too."""
+    """Record each mode with its publication time in ms since 1970, as a page's clock counts."""
     mode = int(memory.state.read()["mode"])
     while not ended.wait(2e-4):
         state = memory.state.read()
@@ -143,7 +144,7 @@ def _look(memory: RobotMemory, seen: list[tuple[str, float]], ended: threading.E
 
 
 def _memory(run: Run, app: psutil.Process, robot: Client, duration_s: float) -> Row:
-    """Resident memory in the first and in the last third of the time; the medians of what is seen."""
+    """Median of the resident memory in the first and in the last third of the time."""
     seen: list[tuple[float, float]] = []
     rtloop, recorder = process(run, "rtloop"), process(run, "cobot.recorder")
     begun_s, number = time.monotonic(), 0

@@ -1,4 +1,4 @@
-"""A planner that never ends: what a worker of the service does to the machine."""
+"""A planner that never ends, to see how a worker of the service affects the computer."""
 
 from __future__ import annotations
 

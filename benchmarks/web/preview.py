@@ -1,4 +1,6 @@
-"""From the press of a position's button in the panel until its ghost is on the screen, among shelves."""
+"""The time from the press of a position's button in the panel until its ghost is on the screen, among
+shelves.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,7 @@ WAIT_S = 120.0
 
 
 def preview(presses: int) -> Iterator[Row]:
-    """Nothing where there is no Chromium."""
+    """Measure the previews. Yields nothing without Chromium."""
     if CHROMIUM is None:
         return
     robot = load_robot(load_settings(None))

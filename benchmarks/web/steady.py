@@ -1,5 +1,5 @@
-"""The memory of each process over an hour of ordinary work: motions, jobs, plans, refusals, who listens to
-events, panels that come and go, agents, recordings.
+"""The memory of each process during an hour of ordinary work: motions, jobs, plans, rejections, event
+listeners, panels that open and close, agents, and recordings.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ Counts = Counter[str]
 
 
 def steady(duration_s: float) -> Iterator[Row]:
-    """A row for each process, with what its memory grows by in an hour.
+    """A row for each process, with the growth of its memory per hour.
 
     Args:
         duration_s: in all; its first sixth does not count.
@@ -67,7 +67,7 @@ def steady(duration_s: float) -> Iterator[Row]:
 
 
 def _sizes(run: Run, duration_s: float, works: list[Future[None]]) -> dict[str, list[tuple[float, float]]]:
-    """When, s, and how much, MB, of each kind of process together."""
+    """Times, s, and the total memory of each kind of process at these times, MB."""
     sizes: dict[str, list[tuple[float, float]]] = defaultdict(list)
     root = psutil.Process(run.process.pid)
     begun_s = time.monotonic()
@@ -92,7 +92,7 @@ def _name(process: psutil.Process) -> str:
 
 @contextlib.contextmanager
 def _working(url: str, counts: Counts) -> Iterator[list[Future[None]]]:
-    """All kinds of work at once, each again and again, until the context ends."""
+    """Context manager during which all kinds of work are repeated at the same time."""
     ended = threading.Event()
 
     def repeat(work: Callable[[str, Counts], None]) -> None:
@@ -108,7 +108,7 @@ def _working(url: str, counts: Counts) -> Iterator[list[Future[None]]]:
 
 
 def _operator(url: str, counts: Counts) -> None:
-    """Motions that are waited for, as jobs, and cancelled; those that are refused; plans; reads."""
+    """Motions that are awaited, run as jobs, and cancelled; rejected motions; plans; reads."""
     with (
         Client(url, motion_timeout_s=60.0) as robot,
         httpx.Client(base_url=url, timeout=60.0) as web,
@@ -134,7 +134,7 @@ def _operator(url: str, counts: Counts) -> None:
 
 
 def _panel(url: str, counts: Counts) -> None:
-    """What a page of the panel reads, and its states."""
+    """The reads of a panel page, and its states."""
     with httpx.Client(base_url=url, timeout=60.0) as web:
         for path in ("/", "/panel/main.js", "/robots", "/scene", "/robot/geometry", "/jobs", "/recordings"):
             web.get(path).raise_for_status()
@@ -157,7 +157,7 @@ def _listener(url: str, counts: Counts) -> None:
 
 
 def _agent(url: str, counts: Counts) -> None:
-    """An agent that looks, plans and asks in vain: to execute is not permitted."""
+    """An agent that reads, plans, and tries to execute its plans, which it is not permitted to do."""
     asyncio.run(_asked(url, counts))
 
 
@@ -178,7 +178,7 @@ async def _asked(url: str, counts: Counts) -> None:
 
 
 def _recordings(url: str, counts: Counts) -> None:
-    """The ring runs all the time; now and then somebody wants it as a file."""
+    """The ring buffer always records. From time to time a client requests it as a file."""
     with Client(url, motion_timeout_s=120.0) as robot:
         time.sleep(SESSION_S)
         robot.record("dump")

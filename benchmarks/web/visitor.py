@@ -1,4 +1,5 @@
-"""Somebody at another computer: a process that this one's load does not keep waiting, as far as that goes.
+"""A client on another computer, simulated by a process that the load on this computer delays as little as
+possible.
 
 It is of a session of its own, for Linux may share the processor among sessions before it looks at niceness.
 """
@@ -25,17 +26,17 @@ UNVERIFIED.check_hostname, UNVERIFIED.verify_mode = False, ssl.CERT_NONE
 
 
 class Visitor:
-    """Asks each time with a connection of its own, like somebody who comes to stop the arm."""
+    """Opens a new connection for each request, like a person who comes to stop the arm."""
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
         self._process = process
 
     def stop(self, url: str) -> int:
-        """Stop the arm; CLOCK_MONOTONIC when that began, ns."""
+        """Stop the arm. Returns the time on CLOCK_MONOTONIC at the start of the request, ns."""
         return round(self._ask("stop", url))
 
     def answer_ms(self, url: str) -> float:
-        """How long an answer to POST /stop takes."""
+        """The time until an answer to POST /stop, ms."""
         return self._ask("answer", url)
 
     def _ask(self, what: str, url: str) -> float:

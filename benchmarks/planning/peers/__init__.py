@@ -1,1 +1,1 @@
-"""Planners of others, which search paths for the problems of `problem_sets`."""
+"""Planners by other authors, which search paths for the problems of `problem_sets`."""

@@ -1,4 +1,4 @@
-"""Searches of a peer over several problems, and how many it solved."""
+"""The searches of a peer over several problems, and the number of solved problems."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from benchmarks.planning.motion_bench_maker import Problem
 
 
 class Unsolved(Enum):
-    """Why a peer has no path."""
+    """The reason why a peer has no path."""
 
     ENDS = auto()
     """The start or the goal touches something, by the peer's own shapes."""
@@ -18,7 +18,7 @@ class Unsolved(Enum):
 
 
 class MissingPeer(Exception):
-    """The peer cannot run here; the message says why."""
+    """Raised if the peer cannot run on this computer. The message gives the reason."""
 
 
 Search = Callable[[Problem], tuple[float, ...] | Unsolved]

@@ -60,7 +60,9 @@ def search_of(arm: str) -> Search:
 
 
 def _environment(vamp: ModuleType, scene: Scene, boxes_alone: bool) -> object:
-    """The objects as in VAMP's own evaluation: cylinders are capsules, but boxes in the scenes "box"."""
+    """The objects, converted as in VAMP's own evaluation: cylinders become capsules, except in the scenes
+    "box", where they become boxes.
+    """
     around = vamp.Environment()
     for each in scene.objects.values():
         place, (w, *vector) = list(each.pose[:3]), each.pose[3:]
@@ -93,7 +95,7 @@ def _module() -> ModuleType:
 
 
 def _compile() -> None:
-    """Takes one to two minutes."""
+    """Compile VAMP, which takes one to two minutes."""
     if not (shutil.which("cmake") and (shutil.which("c++") or shutil.which("g++"))):
         raise MissingPeer("not compiled: cmake or a C++ compiler is missing")
     try:
