@@ -152,8 +152,8 @@ class Connection:
 
     @contextlib.contextmanager
     def _stream(self, path: str, **request: Any) -> Iterator[httpx2.Response]:
-        """Context manager for reading an answer while it arrives. Raises the errors of `_request`. Later
-        reads may raise httpx2's errors.
+        """Context manager for reading an answer while it arrives. Opening it
+        raises the errors of `_request`; reading may raise httpx2's errors.
         """
         url = self._url(path)
         with self._http.stream("GET", url, **request) as response:

@@ -372,7 +372,9 @@ class RobotBundles:
         raise type(exc)(f"{exc}; everything is as before") from exc
 
     def _undo(self) -> list[str]:
-        """Restore everything. Returns the changes of settings that need a cell restart."""
+        """Restore what the installed bundle changed. Returns the changes of settings that need a restart of
+        the cell.
+        """
         assert self.installed is not None
         before = self.installed.settings_before
         restart_for: list[str] = []

@@ -20,7 +20,7 @@ class Task(Protocol):
     """
 
     def spaces(self) -> dict[str, spaces.Space[Any]]:
-        """The spaces of the task's additional observations."""
+        """For each observation that the task adds: its name and its space."""
         ...
 
     def reset(self, robot: RobotDescription, start: Array, random: np.random.Generator) -> None:

@@ -96,7 +96,7 @@ class Writing:
 
 
 def _reasons(notes: Ring, records: np.ndarray) -> dict[int, str]:
-    """The sentences that the records refer to, by number."""
+    """The reasons to which the records refer: a sentence for each note number."""
     first, last = int(records["note"].min()), int(records["note"].max())
     if last == 0:
         return {}

@@ -178,7 +178,9 @@ class JointTree:
         )
 
     def without_fingers(self, path: list[MovingJoint]) -> list[MovingJoint]:
-        """The path up to its first finger. If the path begins with a finger, the whole path is returned."""
+        """The joints of a path before its first finger joint. If the path begins with a finger joint, the
+        whole path is returned.
+        """
         cut = next((index for index, node in enumerate(path) if self.is_finger(node)), len(path))
         return path[:cut] or path
 

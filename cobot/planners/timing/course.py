@@ -29,7 +29,7 @@ TELL_RAD = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class WaypointCourse:
-    """The points as arrays. The current position is one of them if it had to be added.
+    """The points of a waypoint motion as arrays. They include the current position if it had to be added.
 
     Attributes:
         times_s, positions: times, shape (n,), and joint positions, shape (n, dof), rad, of the points.

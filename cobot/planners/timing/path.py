@@ -134,7 +134,7 @@ class JointCurve:
 
 
 def spline_through(parameters: Array, points: Array) -> BSpline:
-    """The splines from which `JointCurve.through` makes its curve."""
+    """The interpolating spline from which `JointCurve.through` makes its curve."""
     from scipy.interpolate import make_interp_spline
 
     return make_interp_spline(parameters, points, k=min(DEGREE, len(points) - 1), check_finite=False)

@@ -112,7 +112,7 @@ class MoveSignals:
 
 
 def later(placed: Placed, by_s: float) -> Placed:
-    """Return the places with all path times increased by `by_s`."""
+    """Return a copy of the placed signals in which all path times are later by `by_s`."""
     return replace(
         placed,
         actions=tuple(replace(each, path_time_s=each.path_time_s + by_s) for each in placed.actions),
