@@ -328,7 +328,7 @@ def test_planned_motions_run_in_slow_motion_and_the_head_of_the_page_shows_it(
 ) -> None:
     """Oracle: GET /robot/simulation/time_factor."""
     path = "/robot/simulation/time_factor"
-    badge = "document.querySelector('#simulation').textContent"
+    badge = "document.querySelector('#simulation').textContent.trim()"
     pressed = "document.querySelector('#time-factor :checked')?.value"
     panel.page.click("#tab-setup")
     panel.page.click("#tab-robot")
