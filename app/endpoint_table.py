@@ -15,7 +15,7 @@ from cobot.errors import ConfigError
 
 
 def table() -> Iterator[str]:
-    """Make the lines of the table, in Markdown."""
+    """Create the lines of the table, in Markdown."""
     yield "| Endpoint | Role | Control | Timeout |"
     yield "|---|---|---|---|"
     for endpoint in sorted(ENDPOINTS.values(), key=lambda each: each.name.split()[::-1]):

@@ -133,7 +133,7 @@ def _authenticator(
 
 
 def _application(lifetime: Lifetime) -> FastAPI:
-    """Make an application that has no endpoints and only runs the background tasks of `lifetime`."""
+    """Create an application that has no endpoints and only runs the background tasks of `lifetime`."""
     app: FastAPI = FastAPIOffline(
         title="cobot",
         summary="The REST API of cobot, a service that moves robot arms.",

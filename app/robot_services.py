@@ -175,7 +175,7 @@ def _services(
     link: RobotLink,
     planning: PlanningService,
 ) -> Services:
-    """Make all services of one robot, each after the services that it depends on."""
+    """Create all services of one robot, each after the services that it depends on."""
     longest_s = loading_s(settings.rt.trajectory_capacity, settings.rt.period_s)
     # The timeout of a motion is for full speed.
     latest_s = shared.slowest_move_s / FRACTIONS[0] + longest_s + LATEST_ANSWER_S + MAX_PAUSE_S

@@ -70,12 +70,12 @@ class Pose:
 
     @classmethod
     def from_numbers(cls, numbers: Sequence[float] | Array) -> Self:
-        """Make a pose from x, y, z (m) and w, x, y, z."""
+        """Create a pose from x, y, z (m) and w, x, y, z."""
         return cls(np.array(numbers[:3]), np.array(numbers[3:]))
 
     @classmethod
     def from_abc(cls, x: float, y: float, z: float, a: float, b: float, c: float) -> Self:
-        """Make a pose from a position (m) and KUKA angles (rad); see `kuka_quaternion`."""
+        """Create a pose from a position (m) and KUKA angles (rad); see `kuka_quaternion`."""
         angles = vector([a, b, c], name="angles")
         return cls(np.array([x, y, z]), np.array(kuka_quaternion(*angles.tolist())))
 

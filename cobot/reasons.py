@@ -99,7 +99,9 @@ class Reason(str):
 
     @classmethod
     def of_text(cls, words: str) -> Reason:
-        """Make a reason without a code from a text. A text that already is a reason is returned unchanged."""
+        """Create a reason without a code from a text. A text that already is a reason is returned
+        unchanged.
+        """
         return words if isinstance(words, Reason) else cls(words)
 
     @classmethod

@@ -106,7 +106,7 @@ class Trajectory:
         if not (np.isfinite(times).all() and np.isfinite(coefficients).all()):
             raise InputError("a trajectory must be finite")
         if len(coefficients) == 0 or times[0] != 0.0 or not (np.diff(times) > 0.0).all():
-            raise InputError("a trajectory's breakpoints must start at 0 and increase strictly")
+            raise InputError("a trajectory's breakpoints must start at 0 and be strictly increasing")
         for array in (times, coefficients):
             array.flags.writeable = False
         object.__setattr__(self, "breakpoints_s", times)

@@ -104,7 +104,7 @@ class GripperAction:
 
 
 def gripper_actions(robot: str, gripper: GripperService, ownership: Ownership) -> list[GripperAction]:
-    """Make the actions for a robot's gripper; empty if the robot has no gripper."""
+    """Create the actions for a robot's gripper; empty if the robot has no gripper."""
     if not gripper.exists:
         return []
     forms: dict[str, type[OneGap] | type[FingerJoints]] = {

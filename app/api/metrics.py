@@ -119,7 +119,7 @@ class Metrics(Collector):
 
 
 def _of_robots(robots: dict[str, Services]) -> Iterator[Metric]:
-    """Make the metrics of all robots: one family per metric, with the robot's name as a label."""
+    """Create the metrics of all robots: one family per metric, with the robot's name as a label."""
     families = {
         name: kind(f"cobot_{name}", text, labels=["robot", *labels])
         for name, (kind, text, labels) in ROBOT_METRICS.items()
@@ -170,7 +170,7 @@ def _cycle_times(counts: np.ndarray) -> tuple[list[tuple[str, float]], float]:
 
 
 def _buckets(bounds: Iterable[float], cumulative: Iterable[int]) -> list[tuple[str, float]]:
-    """Make buckets in Prometheus's form: each consists of an upper bound and the number of values up to
+    """Create buckets in Prometheus's form: each consists of an upper bound and the number of values up to
     it.
     """
     names = [*map(floatToGoString, bounds), "+Inf"]

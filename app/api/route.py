@@ -166,7 +166,7 @@ class CobotRoute(APIRoute):
         )
 
     def _state_handler(self) -> Handler:
-        """Make a handler for endpoints that take only the request. Like FastAPI, the handler validates the
+        """Create a handler for endpoints that take only the request. Like FastAPI, the handler validates the
         result with its model.
         """
         endpoint, name = self.endpoint, str(self.dependant.request_param_name)
@@ -191,8 +191,8 @@ def _answering_in_turn(handler: Handler) -> Handler:
 
 
 def _answering(handler: Handler) -> ASGIApp:
-    """Make the ASGI application of a route. It passes the handler's errors on to the middleware of the whole
-    application.
+    """Create the ASGI application of a route. It passes the handler's errors on to the middleware of the
+    whole application.
     """
 
     async def answer(scope: Scope, receive: Receive, send: Send) -> None:
@@ -234,7 +234,7 @@ class EndpointRouter(APIRouter):
         keyed: bool = False,
         **options: Any,
     ) -> Callable[[Function], Function]:
-        """Make a decorator that serves an endpoint with a function.
+        """Create a decorator that serves an endpoint with a function.
 
         Args:
             name, role, timeout_s, control, costly, keyed: see `Endpoint`.

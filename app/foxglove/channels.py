@@ -27,7 +27,7 @@ LATE_S = 0.1
 
 @lru_cache(maxsize=64)
 def _messages(names: tuple[str, ...], base_frame: str, period_s: float) -> RecordMessages:
-    """Make the message types for a robot. Call this in a thread, because the first call imports rosbags,
+    """Create the message types for a robot. Call this in a thread, because the first call imports rosbags,
     which takes a second.
     """
     from cobot.recording.messages import RecordMessages

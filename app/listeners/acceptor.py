@@ -52,7 +52,7 @@ log = logging.getLogger("cobot.service")
 
 
 def crowd_for(limits: ConnectionLimits) -> Crowd:
-    """Make a crowd with as many places as configured, or fewer if the system grants fewer file
+    """Create a crowd with as many places as configured, or fewer if the system grants fewer file
     descriptors.
     """
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)

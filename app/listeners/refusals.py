@@ -17,7 +17,7 @@ many.
 
 
 def refusal(status: int, detail: str, code: str) -> bytes:
-    """Make an error answer in the form of `app.api.errors`, after which the connection is closed."""
+    """Create an error answer in the form of `app.api.errors`, after which the connection is closed."""
     body = json.dumps({"detail": detail, "code": code}).encode()
     kind = b"content-type: application/json\r\nconnection: close\r\n"
     return STATUS_LINE[status] + kind + b"content-length: %d\r\n\r\n" % len(body) + body

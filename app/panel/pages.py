@@ -103,7 +103,7 @@ def find_three(name: str) -> Path:
 
 
 def planners_module() -> str:
-    """Make the JavaScript module that lists the planners that need only a goal, and the default planner.
+    """Create the JavaScript module that lists the planners that need only a goal, and the default planner.
 
     `pose` is true if the goal is a pose, and false if it is joint angles.
     """

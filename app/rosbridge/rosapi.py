@@ -172,7 +172,7 @@ def _details(messages: Messages, name: str) -> list[Message]:
 
 
 def _example(type_: str, length: int) -> str:
-    """Make an example value of a type, in the form that rosapi uses."""
+    """Create an example value of a type, in the form that rosapi uses."""
     if length >= 0:
         return "[]"
     if "/" in type_:

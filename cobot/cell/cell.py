@@ -181,7 +181,7 @@ class CellSolid(CellEntry):
         if self.shape == "mesh" and self.file is None:
             raise ValueError("file is missing: a mesh needs an STL or OBJ file")
         if self.shape == "mesh" and self.size_m:
-            raise ValueError("size_m: a mesh has the size of its file: use scale")
+            raise ValueError("size_m: is not allowed for a mesh, whose size comes from its file; use scale")
         if self.shape != "mesh" and self.file is not None:
             raise ValueError(f"file: a {self.shape} must not have a file; did you mean shape: mesh?")
         return self

@@ -45,7 +45,7 @@ class PalletPlace:
         return cls((x, y, z), kuka_quaternion(a, b, c), str(pose.get("frame_id") or ""), number)
 
     def at(self, **pose: Any) -> dict[str, Any]:
-        """Make a body for POST /robot/move/pose from a pose relative to this place. Other fields are not
+        """Create a body for POST /robot/move/pose from a pose relative to this place. Other fields are not
         changed.
         """
         return self.resolve({**dict.fromkeys(POSITION, 0.0), **pose})

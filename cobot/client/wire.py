@@ -40,7 +40,7 @@ _DTYPES = {
 
 
 def packed(kind: FrameKind, sequence: int, record: np.ndarray | None = None) -> bytes:
-    """Make a binary frame, which consists of the header and a record."""
+    """Create a binary frame, which consists of the header and a record."""
     return _HEADER.pack(kind, LAYOUT_VERSION, sequence) + (b"" if record is None else record.tobytes())
 
 

@@ -485,7 +485,7 @@ class ArmClient:
 
 
 def make_participant(settings: dict[str, Any], name: NodeName) -> Participant:
-    """Make a participant on the networks that the settings name."""
+    """Create a participant on the networks that the settings name."""
     return Participant(
         settings["domain_id"],
         settings["interfaces"] or None,

@@ -383,7 +383,7 @@ def _interface(argument: str) -> str:
 
 
 def _within(kind: type[float], least: float, most: float) -> Callable[[str], float]:
-    """Make a function that reads a number of this kind from an argument, and checks its range."""
+    """Create a function that reads a number of this kind from an argument, and checks its range."""
 
     def read(argument: str) -> float:
         try:

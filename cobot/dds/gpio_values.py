@@ -19,7 +19,7 @@ def values_of(message: Message) -> dict[str, float]:
 
 
 def message_of(values: Mapping[str, float]) -> Message:
-    """Make a message that contains these values."""
+    """Create a message that contains these values."""
     groups: dict[str, Message] = {}
     for each, value in values.items():
         group, _, name = each.rpartition("/")

@@ -239,7 +239,7 @@ class DdsNode:
         latched: bool = False,
         lifespan_s: float = math.inf,
     ) -> NodePublisher:
-        """Make a reliable publisher for a topic.
+        """Create a reliable publisher for a topic.
 
         Args:
             type_: name of the type, such as "std_msgs/msg/String".
@@ -256,7 +256,7 @@ class DdsNode:
     def subscription(
         self, topic: str, type_: str, callback: Callable[[Message], None], *, reliable: bool = True
     ) -> NodeSubscription:
-        """Make a subscription for the messages of a topic.
+        """Create a subscription for the messages of a topic.
 
         Args:
             callback: called with each message, in order for each publisher. It must be fast.
@@ -268,7 +268,7 @@ class DdsNode:
         return NodeSubscription(self, topic, type_, callback, Qos(reliable=reliable, depth=None))
 
     def service(self, name: str, type_: str, handler: Handler) -> NodeService:
-        """Make a service that answers requests.
+        """Create a service that answers requests.
 
         Args:
             type_: name of the type, such as "aubo_interfaces/srv/GetDof".

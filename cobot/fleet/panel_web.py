@@ -417,7 +417,7 @@ async def _body(request: Request) -> bytes:
                     return body
         except TimeoutError as exc:
             raise InputError(
-                f"the body has {len(body)} bytes after {BROWSER_S:g} s and is not complete; send it again"
+                f"only {len(body)} bytes of the body have arrived within {BROWSER_S:g} s; send it again"
             ) from exc
     raise PayloadError(
         f"the body has more than {MAX_BODY_BYTES} bytes, the maximum that a hub forwards; use the address of "

@@ -43,7 +43,7 @@ class Policy(Protocol):
 
 
 class ObservationMaker(Protocol):
-    """Makes observations of the kind that a policy was trained on."""
+    """Creates observations of the kind that a policy was trained on."""
 
     def __call__(self, state: JointState) -> dict[str, Any]: ...
 

@@ -82,7 +82,7 @@ class AskedCurve:
 
 
 def asked_curve(motion: Trajectory, step_s: float) -> AskedCurve:
-    """Make the table of a motion, for a fit with steps of `step_s`."""
+    """Create the table of a motion, for a fit with steps of `step_s`."""
     rows = max(round(motion.duration_s / step_s), 1) * PARTS
     interval_s = motion.duration_s / rows
     rows_s, marks_s = np.linspace(0.0, motion.duration_s, rows + 1), motion.breakpoints_s

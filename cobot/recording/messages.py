@@ -256,7 +256,7 @@ class RecordMessages:
         return self._made("geometry_msgs/msg/Wrench", force=force, torque=torque)
 
     def _pose_of(self, values: Sequence[float]) -> Any:
-        """Make a pose message from seven numbers in ROS order."""
+        """Create a pose message from seven numbers in ROS order."""
         x, y, z, *turn = map(float, values)
         return self._made(
             "geometry_msgs/msg/Pose",
@@ -267,7 +267,7 @@ class RecordMessages:
     def _table_message(
         self, message: str, kinds: Sequence[tuple[str, str]], values: Mapping[str, Any]
     ) -> bytes:
-        """Make a message whose fields after the header come from a table."""
+        """Create a message whose fields after the header come from a table."""
         makers: dict[str, tuple[Callable[[Any], Any], Any]] = {
             "bool": (bool, 0),
             "float64": (float, 0.0),

@@ -46,7 +46,7 @@ class Sequence(RequestModel):
 
     @property
     def word(self) -> str:
-        """The log's word for an entry of this sequence: "step" or "waypoint"."""
+        """The word for an entry of this sequence in the log: "step" or "waypoint"."""
         return "step" if self.steps else "waypoint"
 
     @model_validator(mode="after")

@@ -164,7 +164,7 @@ class ServoRules:
             self.point_id = point.point_id
 
     def request(self, mode: int, watchdog_s: float, send_period_s: float) -> SetMode:
-        """Make a checked session request. A watchdog of 0 means the default, and a period of 0 means the
+        """Create a checked session request. A watchdog of 0 means the default, and a period of 0 means the
         control period.
 
         Raises:
@@ -192,7 +192,7 @@ class ServoRules:
         gain: float,
         owner: str = "",
     ) -> Point:
-        """Make a checked point from numbers. It has no session and no id. For each parameter, 0 means the
+        """Create a checked point from numbers. It has no session and no id. For each parameter, 0 means the
         default.
 
         Args:

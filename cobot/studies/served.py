@@ -145,7 +145,7 @@ def _compute(request: ServedRequest, cancel: threading.Event) -> None:
 
 
 def settle(request: ServedRequest) -> tuple[Study, Path]:
-    """Make the study of a request and its folder, and return both.
+    """Create the study of a request and its folder, and return both.
 
     The folder name is derived from the study's content, so the same study continues in the same folder.
 

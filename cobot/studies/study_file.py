@@ -37,7 +37,7 @@ def load_study(path: Path | str) -> Study:
 
 
 def study_of(document: dict[str, Any], folder: Path | str = ".", name: str = "study") -> Study:
-    """Make a study from a file's content.
+    """Create a study from a file's content.
 
     Args:
         folder: folder for relative paths.

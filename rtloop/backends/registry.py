@@ -52,7 +52,7 @@ def backend_class(name: str) -> Callable[..., Backend]:
 
 
 def make_backend(settings: Settings, limits: JointLimits) -> Backend:
-    """Make the backend that the setting `robot.backend` names.
+    """Create the backend that the setting `robot.backend` names.
 
     Raises:
         ConfigError: the class does not exist, an option is invalid, the period is not supported, a simulator

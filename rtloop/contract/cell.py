@@ -50,7 +50,7 @@ class CheckedBackend:
 
     @contextmanager
     def make_driver(self) -> Iterator[Driver]:
-        """Make a backend and its device, without opening the backend."""
+        """Create a backend and its device, without opening the backend."""
         driver = Driver(self.settings, self.robot, rig_of(self.kind, self.settings, self.robot.limits))
         try:
             yield driver

@@ -45,8 +45,8 @@ class ContractRig(Protocol):
     faults: frozenset[str]
 
     def backend(self) -> Backend | TrajectoryDevice:
-        """Make a new backend for the same device, without opening it. The previous backend was closed, or its
-        process was killed.
+        """Create a new backend for the same device, without opening it. The previous backend was closed,
+        or its process was killed.
         """
         ...
 

@@ -165,7 +165,7 @@ class ToyArm:
 
     @classmethod
     def contract_rig(cls, settings: Settings, limits: JointLimits) -> ToyRig:
-        """Make the rig for `cobot backend test`."""
+        """Create the rig for `cobot backend test`."""
         return ToyRig(cls, settings, limits)
 
 

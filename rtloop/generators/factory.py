@@ -1,4 +1,4 @@
-"""Makes the interpolator that a stream requests."""
+"""Creates the interpolator that a stream requests."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ def make_interpolator(
     max_acceleration: Array,
     max_jerk: Array,
 ) -> Interpolator:
-    """Make an interpolator for n coordinates. The limits have shape (n,) and the units of the coordinates."""
+    """Create an interpolator for n coordinates. The limits have shape (n,) and the units of the
+    coordinates.
+    """
     if kind is Interpolation.NONE:
         return Hold(n, period_s)
     if kind is Interpolation.LINEAR:

@@ -23,7 +23,7 @@ SWITCH_S = 1e-4
 
 
 class Surroundings:
-    """Makes collision monitors from the scene and tool files.
+    """Creates collision monitors from the scene and tool files.
 
     Attributes:
         busy: whether a monitor is being made.
@@ -42,7 +42,7 @@ class Surroundings:
         return self._thread is not None
 
     def read(self) -> CollisionMonitor:
-        """Make a monitor from the files' current content.
+        """Create a monitor from the files' current content.
 
         Raises:
             CobotError: a file is damaged, or MuJoCo rejects its content.

@@ -66,7 +66,7 @@ def link(schema: dict[str, Any]) -> None:
 
 
 def _links(answer: dict[str, Any], suffix: str, known: set[str]) -> dict[str, Any]:
-    """Make links from an answer to other operations on the same robot."""
+    """Create links from an answer to other operations on the same robot."""
     content = answer.get("content", {}).get("application/json", {}).get("schema", {})
     found = LINKS.get(content.get("$ref", "").rpartition("/")[2], {})
     robot = {"robot": "$request.path.robot"} if suffix else {}

@@ -80,7 +80,7 @@ def version(robots: dict[str, JointLimits]) -> Hashable:
 
 
 def of_the_default_robot(document: dict[str, Any]) -> dict[str, Any]:
-    """Return the part of a document that describes paths without a robot's name."""
+    """Return the part of a document that describes the paths that contain no robot's name."""
     paths = {path: each for path, each in document["paths"].items() if not path.startswith(BY_NAME)}
     return {**document, "paths": paths}
 
@@ -139,7 +139,7 @@ def _described(robots: dict[str, JointLimits]) -> tuple[str, list[dict[str, Any]
 
 
 def _table(limits: JointLimits) -> list[Row]:
-    """Make a table with a row for each joint: its name, and its minimum and maximum position, rad."""
+    """Create a table with a row for each joint: its name, and its minimum and maximum position, rad."""
     return list(zip(limits.names, limits.min_position.tolist(), limits.max_position.tolist(), strict=True))
 
 

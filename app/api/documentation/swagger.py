@@ -166,7 +166,7 @@ def _serve(app: FastAPI, path: str, document: _Document) -> None:
 
 
 def _page(title: str, schema: str, parameters: dict[str, Any], first: str = "") -> HTMLResponse:
-    """Make a Swagger UI page that is served entirely by this service.
+    """Create a Swagger UI page that is served entirely by this service.
 
     Args:
         first: the group that is shown open; "" if all groups are closed.

@@ -247,8 +247,9 @@ def _drawn(services: Services, positions: Array, view: PictureView) -> bytes:
 
 @router.endpoint("GET /robot/clearance", Role.OBSERVER, timeout_s=1.5, responses=responses(503))
 async def clearance(request: Request) -> ClearanceAnswer:
-    """Return the smallest distances of the arm at its measured position, each with the two nearest points.
+    """Return the smallest distances of the arm to itself and to its surroundings.
 
+    The distances are those at the measured position, each with its two nearest points.
     The shapes of arm, tool and scene are those of the collision checks. Distances that no joint changes are
     omitted, such as that between the first link and the floor.
     """

@@ -128,13 +128,13 @@ class MotionService:
         return await asyncio.to_thread(TcpWay, trajectory, self._robot.model.chain)
 
     def follower(self, signals: Placed, motion_id: int, job: Job | None) -> SignalFollower:
-        """Make a follower for the signals of a whole motion or of a part of it."""
+        """Create a follower for the signals of a whole motion or of a part of it."""
         name = "" if job is None else job.id
         return SignalFollower(self._link, signals, motion_id, self.command_gripper, name)
 
     def resting_leg(self, joints: Array) -> Leg:
-        """Make a motion of zero length for an arm that is already at the goal, because actions and conditions
-        need a path.
+        """Create a motion of zero length for an arm that is already at the goal, because actions and
+        conditions need a path.
         """
         return Leg(resting(joints), self._robot.limits, None)
 

@@ -111,7 +111,7 @@ class Goals:
         raise InputError(f"frame_id: there is no frame {name!r}; valid names: {valid}")
 
     def request(self, goal: MotionRequest, start: Array) -> MotionRequest:
-        """Make the planning request for a goal from the joint position `start`, which has shape (dof,), in
+        """Create the planning request for a goal from the joint position `start`, which has shape (dof,), in
         rad.
         """
         if goal.in_tool:

@@ -62,7 +62,7 @@ s.
 
 
 class PlanService:
-    """Makes plans and keeps the newest ones in memory. A restart of the service deletes them.
+    """Creates plans and keeps the newest ones in memory. A restart of the service deletes them.
 
     Plans are made one at a time, so that planning processes remain free for motions.
 
@@ -403,7 +403,7 @@ class PlanService:
             self._turn.release()
 
     def queue_request(self, plan_id: str, job: Job, radius_m: float) -> QueueRequest:
-        """Make the request for the queue to run a plan. The plan is checked again when its turn comes.
+        """Create the request for the queue to run a plan. The plan is checked again when its turn comes.
 
         Raises:
             NotFoundError: the plan is unknown or has expired.

@@ -251,7 +251,7 @@ class RetargetService:
         lead_s: float,
         change: Callable[..., Result],
     ) -> Callable[[RobotDescription], Result]:
-        """Make a task for a planning process: change the goal of a motion at the path time `lead_s` from
+        """Create a task for a planning process: change the goal of a motion at the path time `lead_s` from
         now.
         """
         state = self._link.state()

@@ -372,7 +372,7 @@ class SceneService:
     async def _examine(
         self, make: Callable[[], CollisionChecker], remaining: _Remaining | None
     ) -> tuple[CollisionChecker, FirstContact | None]:
-        """Make a checker and find the first contact of the remaining motion. Both run in one thread."""
+        """Create a checker and find the first contact of the remaining motion. Both run in one thread."""
 
         def examine() -> tuple[CollisionChecker, FirstContact | None]:
             checker = make()

@@ -401,7 +401,7 @@ def _printable(name: str) -> str:
 
 
 def _unnamed_file(content: bytes) -> IO[bytes]:
-    """Make a temporary file with this content but without a name. It is deleted when its last reader closes
+    """Create a temporary file with this content but without a name. It is deleted when its last reader closes
     it.
     """
     file = tempfile.TemporaryFile()  # noqa: SIM115 - the caller closes it

@@ -52,7 +52,7 @@ class Health:
 
 
 class HealthService:
-    """Makes the health report, even if other parts of the service fail."""
+    """Creates the health report, even if other parts of the service fail."""
 
     def __init__(
         self,

@@ -137,5 +137,5 @@ class Listener:
         self._timer = self._loop.call_at(self._tick_s, self._tick)
 
     def _event(self, kind: str, data: dict[str, object]) -> Event:
-        """Make an event whose number is the listener's position."""
+        """Create an event whose number is the listener's position."""
         return Event(self._place, kind, "", self._events.rendered(kind, "", data, self._place))

@@ -22,7 +22,7 @@ DIGITS = 6
 
 
 class StateTexts:
-    """Makes the events of type `state` for one robot, as JSON texts."""
+    """Creates the events of type `state` for one robot, as JSON texts."""
 
     def __init__(self, events: Events, link: RobotLink, limits: JointLimits) -> None:
         self.robot = link.memory.robot

@@ -55,7 +55,7 @@ class JobState(StrEnum):
 
 
 def new_job_id() -> str:
-    """Make a new job id, which is unique even across restarts."""
+    """Create a new job id, which is unique even across restarts."""
     return f"job_{secrets.token_hex(8)}"
 
 
@@ -263,7 +263,7 @@ class Job:
         self.on_change(self)
 
     def record(self) -> JobRecord:
-        """Make a record of the job's current state."""
+        """Create a record of the job's current state."""
         return self.end_record or self._recorded(self.state)
 
     def _recorded(self, state: JobState) -> JobRecord:

@@ -97,7 +97,7 @@ class JobBook:
     def new(
         self, kind: JobKind, request: str = "", parent: str | None = None, number: str | None = None
     ) -> Job:
-        """Make a new job for the client of the current task. It is added to the book when it begins.
+        """Create a new job for the client of the current task. It is added to the book when it begins.
 
         Args:
             number: job id; None to make a new id.
@@ -196,7 +196,7 @@ class JobBook:
             self._whole = piece.number
 
     def _everything(self, lost: int) -> _Piece:
-        """Make lines for all records, because some lines were lost. Called in the writing thread."""
+        """Create lines for all records, because some lines were lost. Called in the writing thread."""
         del lost
         number = self._written  # read first, because later changes have their own lines
         lines = dict(self._lines)
@@ -226,7 +226,7 @@ class JobBook:
 
 
 def _interrupted(record: JobRecord, alive: datetime, found: datetime) -> JobRecord:
-    """Make the last record of a job whose end was not written.
+    """Create the last record of a job whose end was not written.
 
     Args:
         alive: time at which the service last wrote a record of any job.
@@ -253,7 +253,7 @@ def _interrupted(record: JobRecord, alive: datetime, found: datetime) -> JobReco
 
 
 def unknown(number: str) -> NotFoundError:
-    """Make the error for an unknown job."""
+    """Create the error for a job id that does not exist."""
     return NotFoundError(
         f"there is no job {shown(number)}; only the newest {KEPT} ended jobs are kept, and GET /jobs "
         "lists them"

@@ -101,8 +101,8 @@ class Ownership:
         return None if self._sequence is None else self._sequence.job
 
     def new_job(self, kind: JobKind, request: str = "", number: str | None = None) -> Job:
-        """Make a new job for a `Caller`. If a sequence sends the request, the sequence's job is the parent of
-        the new one.
+        """Create a new job for a `Caller`. If a sequence sends the request, the sequence's job is the
+        parent of the new one.
 
         Args:
             number: job id; None to make a new id.

@@ -46,5 +46,5 @@ class StopReason:
 
     @property
     def error(self) -> MotionStopped:
-        """Make the error for the motion that is stopped."""
+        """Create the error of the motion that this reason has stopped."""
         return MotionStopped(self.text, details={"cause": self.cause, "by": self.by})

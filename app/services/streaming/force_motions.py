@@ -174,7 +174,7 @@ class ForceMotionService:
         return last
 
     def _input_holds(self, until: Condition | None) -> Callable[[], bool]:
-        """Make a function that returns whether the input has the value that the condition requires."""
+        """Create a function that returns whether the input has the value that the condition requires."""
 
         def holds() -> bool:
             if until is None:

@@ -58,7 +58,7 @@ class ForceOutcome:
 
 
 def outcome_word(outcome: ForceOutcome) -> Callable[[str], None]:
-    """Make a function that records in `outcome` what has ended the search. The function gets the cause as a
+    """Create a function that records in `outcome` what has ended the search. The function gets the cause as a
     word.
     """
 

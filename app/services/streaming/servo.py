@@ -224,7 +224,7 @@ class ServoService:
 
 
 def _error(broken: BrokenRule) -> CobotError:
-    """Make the error for the caller of `ServoService.point`."""
+    """Create the error for the caller of `ServoService.point`."""
     match broken.kind:
         case Refusal.NOT_ACTIVE | Refusal.OVERRUN:
             return ConflictError(str(broken))

@@ -195,7 +195,7 @@ class ServoSessions:
 
 
 def session_request(request: SetMode, info: np.ndarray, force: ForceSettings) -> np.ndarray:
-    """Make the request to rtloop, a record of `cobot.ipc.layout.session_dtype`.
+    """Create the request to rtloop, a record of `cobot.ipc.layout.session_dtype`.
 
     Args:
         info: record of `cobot.ipc.layout.info_dtype`.

@@ -138,7 +138,7 @@ class Participant:
         on_sample: Callable[[Sample], None],
         user_data: bytes = b"",
     ) -> TopicReader:
-        """Make a reader of a keyless topic. The delivery thread passes each sample to `on_sample`. The
+        """Create a reader of a keyless topic. The delivery thread passes each sample to `on_sample`. The
         samples of one writer arrive in order.
         """
         with self._lock:

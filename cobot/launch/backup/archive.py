@@ -28,7 +28,7 @@ _TIME = (1980, 1, 1, 0, 0, 0)
 
 
 def pack(files: Mapping[str, bytes], about: Mapping[str, Any]) -> bytes:
-    """Make an archive with a manifest.
+    """Create an archive with a manifest.
 
     Args:
         files: contents of the files by their names.

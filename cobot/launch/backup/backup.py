@@ -83,7 +83,7 @@ class Backup:
 
 
 def make_backup(settings: Settings, source: Path | None) -> bytes:
-    """Make the archive.
+    """Create the archive.
 
     Args:
         settings: settings of all robots.

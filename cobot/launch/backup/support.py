@@ -30,7 +30,7 @@ _IN_TEXT = re.compile(
 
 
 def make_bundle(settings: Settings, live: Mapping[str, bytes]) -> bytes:
-    """Make the archive.
+    """Create the archive.
 
     Args:
         settings: settings of all robots.

@@ -76,8 +76,8 @@ def total_mass(mj: mujoco.MjModel) -> str:
 def reduce_friction(
     spec: mujoco.MjSpec, robot: RobotModel, limits: JointLimits, holding: Holding
 ) -> list[str]:
-    """Reduce friction and damping that the drives cannot overcome at full speed. Returns sentences about this
-    for the report.
+    """Reduce friction and damping that the drives cannot overcome at full speed. Returns notes on the
+    changes, for the report.
     """
     mj = robot.mj
     needed = {hold.joint: hold.needed for hold in holding.hardest}

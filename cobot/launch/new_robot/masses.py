@@ -59,7 +59,9 @@ class Wishes:
             raise ConfigError(f"--density is {self.density:g} kg/m³, allowed: {low:g} to {high:g} kg/m³")
         for link, mass in self.masses.items():
             if link not in links:
-                raise ConfigError(f"{file}: --mass: has no link {link!r}; valid names: {', '.join(links)}")
+                raise ConfigError(
+                    f"{file}: --mass: the robot has no link {link!r}; valid names: {', '.join(links)}"
+                )
             if not 0.0 < mass <= MAX_MASS_KG:
                 raise ConfigError(f"--mass of {link} is {mass:g} kg, allowed: above 0 to {MAX_MASS_KG:g} kg")
 

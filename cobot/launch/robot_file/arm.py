@@ -159,8 +159,8 @@ def _only_arm(file: Path, tree: JointTree) -> list[MovingJoint]:
     arms = _arms(tree)
     if len(arms) > 1 and not all(tree.is_finger(arm[0]) for arm in arms):
         raise ConfigError(
-            f"{file}: has {len(arms)} chains of joints; choose one by its end; the others then stay where "
-            f"they are, with their shapes: {'; '.join(map(_described, arms))}"
+            f"{file}: the file has {len(arms)} chains of joints. Choose one by its end. The joints of the "
+            f"others do not move, and their shapes stay: {'; '.join(map(_described, arms))}"
         )
     return arms[0] if arms else []
 

@@ -78,7 +78,7 @@ def course_of(
     start_tolerance_rad: float,
     ways: WaysOut = REST,
 ) -> WaypointCourse:
-    """Make the course of the given points. Arguments and errors are the same as for `through`."""
+    """Create the course of the given points. Arguments and errors are the same as for `through`."""
     labels = labels_of(points, limits.dof)
     times = np.array([point.time_from_start_s for point in points])
     positions = np.array([point.positions for point in points], dtype=np.float64)

@@ -51,7 +51,7 @@ class JointCurve:
         if not (np.isfinite(breakpoints).all() and np.isfinite(coefficients).all()):
             raise InputError("a path must be finite")
         if breakpoints[0] != 0.0 or not (np.diff(breakpoints) > 0.0).all():
-            raise InputError("a path's breakpoints must start at 0 and increase strictly")
+            raise InputError("a path's breakpoints must start at 0 and be strictly increasing")
 
     @classmethod
     def of_spline(cls, spline: BSpline) -> JointCurve:

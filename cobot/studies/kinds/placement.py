@@ -179,7 +179,7 @@ class _PlacementKernel:
 
     @classmethod
     def of(cls, study: PlacementStudy, robot: RobotDescription) -> Self:
-        """Make the kernel of a study.
+        """Create the kernel of a study.
 
         Raises:
             CobotError: the study contradicts the robot.

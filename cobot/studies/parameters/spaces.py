@@ -98,7 +98,7 @@ class ParameterSpace:
 
     @classmethod
     def of(cls, axes: Mapping[str, Axis], samples: int | None, design: Design, seed: int) -> Self:
-        """Make the space that the given axes span.
+        """Create the space that the given axes span.
 
         Raises:
             InputError: `samples` is missing or has no effect, or there are too many points.

@@ -300,7 +300,7 @@ class FanucBackend:
 
     @staticmethod
     def contract_rig(settings: Settings, limits: JointLimits) -> ContractRig:
-        """Make a rig with the backend and a simulated controller in one process."""
+        """Create a rig with the backend and a simulated controller in one process."""
         from rtloop.backends.fanuc.simulator.lockstep import FanucRig
 
         return FanucRig(settings, limits)

@@ -206,7 +206,7 @@ class FrankaBackend:
 
     @staticmethod
     def contract_rig(settings: Settings, limits: JointLimits) -> ContractRig:
-        """Make a rig with the backend and a stand-in for the robot."""
+        """Create a rig with the backend and a stand-in for the robot."""
         from rtloop.backends.franka.rig import FrankaRig
 
         return FrankaRig(settings, limits)

@@ -88,7 +88,7 @@ class FrankaStandIn:
         return SimpleNamespace(Robot=self.connect, **{kind.__name__: kind for kind in kinds})
 
     def connect(self, address: str, realtime: RealtimeConfig = RealtimeConfig.kEnforce) -> StandInConnection:
-        """Make a new connection. It ends the previous connection and its control."""
+        """Create a new connection. It ends the previous connection and its control."""
         if realtime is RealtimeConfig.kEnforce and not self.real_time:
             raise RealtimeException("libfranka: Running kernel does not have realtime capabilities.")
         if "disconnect" in self.faults:

@@ -1,4 +1,4 @@
-"""Makes the answers to the controller's packets."""
+"""Creates the answers to the controller's packets."""
 
 from __future__ import annotations
 

@@ -265,7 +265,7 @@ class FriBackend:
 
     @staticmethod
     def contract_rig(settings: Settings, limits: JointLimits) -> ContractRig:
-        """Make a rig with the backend and a simulated cabinet in one process."""
+        """Create a rig with the backend and a simulated cabinet in one process."""
         from rtloop.backends.fri.simulator.lockstep import FriRig
 
         return FriRig(settings, limits)

@@ -56,7 +56,7 @@ class Ros2ControlArm(ControllerClient):
 
     @staticmethod
     def contract_rig(settings: Settings, limits: JointLimits) -> Ros2ControlRig:
-        """Make a rig with the backend and a simulated controller in the same process."""
+        """Create a rig with the backend and a simulated controller in the same process."""
         return Ros2ControlRig(Ros2ControlArm, settings, limits)
 
     def open(self, initial_position: Array) -> None:

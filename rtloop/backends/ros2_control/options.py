@@ -147,7 +147,7 @@ def ros_names(options: Ros2ControlOptions, limits: JointLimits) -> list[str]:
 
 
 def client_settings(options: Ros2ControlOptions, settings: Settings, names: list[str]) -> dict[str, Any]:
-    """Make the settings for the process that speaks DDS.
+    """Create the settings for the process that speaks DDS.
 
     Raises:
         ConfigError: the namespace is the same as for cobot's own topics.

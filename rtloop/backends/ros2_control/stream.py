@@ -102,7 +102,7 @@ class Ros2ControlStream(ControllerClient):
 
     @staticmethod
     def contract_rig(settings: Settings, limits: JointLimits) -> StreamRig:
-        """Make a rig with a simulated controller in the same process."""
+        """Create a rig with a simulated controller in the same process."""
         return StreamRig(Ros2ControlStream, settings, limits)
 
     def open(self, initial_position: Array) -> None:

@@ -281,7 +281,7 @@ class RsiBackend:
 
     @staticmethod
     def contract_rig(settings: Settings, limits: JointLimits) -> ContractRig:
-        """Make a rig with the backend and a simulated controller in one process."""
+        """Create a rig with the backend and a simulated controller in one process."""
         from rtloop.backends.rsi.simulator.lockstep import RsiRig
 
         return RsiRig(settings, limits)

@@ -86,7 +86,7 @@ def _limits(axes: tuple[str, ...], most: dict[str, float], first: int) -> Iterat
 
 
 def _digital(kind: str, name: str, number: int, type_id: int, source: int | None = None) -> RsiObject:
-    """Make an object for one bit, whose value comes from the ETHERNET channel `source`."""
+    """Create an object for one bit, whose value comes from the ETHERNET channel `source`."""
     inputs = () if source is None else ((0, ETHERNET, source),)
     return RsiObject(
         kind,
@@ -109,7 +109,7 @@ def context_for(
     timeout: int,
     hold_on: bool,
 ) -> Context:
-    """Make the context for a robot.
+    """Create the context for a robot.
 
     Args:
         axes: axes that move joints of the model.

@@ -127,8 +127,8 @@ def files_for(settings: Settings, limits: JointLimits) -> dict[str, str]:
 
 
 def ethernet_configuration(options: RsiOptions, context: Context, axes: tuple[str, ...]) -> str:
-    """Make the Ethernet configuration. It defines the elements of the telegrams, and the address to which the
-    controller sends them.
+    """Create the Ethernet configuration. It defines the elements of the telegrams, and the address to
+    which the controller sends them.
     """
     root = ET.Element("ROOT")
     config = ET.SubElement(root, "CONFIG")
@@ -156,7 +156,7 @@ def ethernet_configuration(options: RsiOptions, context: Context, axes: tuple[st
 
 
 def _old_context(context: Context) -> str:
-    """Make the context for RSI 3.x to 4.0, where numbers start at 1. The external axes follow the robot's
+    """Create the context for RSI 3.x to 4.0, where numbers start at 1. The external axes follow the robot's
     axes as ports 7 to 12.
     """
     place = {f"{{{SCHEMA}}}noNamespaceSchemaLocation": "/Roboter/Config/System/Common/Schemes/RSIContext.xsd"}
@@ -183,7 +183,7 @@ def _old_port(each: RsiObject, port: int) -> int:
 
 
 def _new_context(context: Context) -> str:
-    """Make the context for RSI 4.1 and later, where numbers start at 0."""
+    """Create the context for RSI 4.1 and later, where numbers start at 0."""
     root = ET.Element("RsiContext", {"SchemaVersion": "2.0.0", "xmlns": "RsiContext"})
     objects = ET.SubElement(root, "RsiObjects", xmlns="RsiDriver")
     for each in context.objects:
@@ -204,7 +204,7 @@ def _new_context(context: Context) -> str:
 
 
 def _old_diagram(context: Context) -> str:
-    """Make the diagram for the version of RSIVisual that belongs to RSI 3.x to 4.0."""
+    """Create the diagram for the version of RSIVisual that belongs to RSI 3.x to 4.0."""
     root = ET.Element(
         "rSIModel",
         {"dslVersion": "1.0.0.0", "name": "", "xmlns": "http://schemas.microsoft.com/dsltools/RSIVisual"},

@@ -360,5 +360,5 @@ def _sen(telegram: Telegram, layout: TelegramLayout) -> SenAnswer:
 
 
 def validity(layout: TelegramLayout) -> Callable[[bytes], bool]:
-    """Make a function that returns whether a packet may come from a controller described by `layout`."""
+    """Create a function that returns whether a packet may come from a controller described by `layout`."""
     return lambda packet: not isinstance(decode_rob(packet, layout), str)

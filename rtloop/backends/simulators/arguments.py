@@ -24,7 +24,7 @@ def controller_parser(
     *,
     needs_config: bool = False,
 ) -> argparse.ArgumentParser:
-    """Make a parser with the options for the robot and for the addresses.
+    """Create a parser with the options for the robot and for the addresses.
 
     Args:
         config, address: help texts of these options.
@@ -100,7 +100,7 @@ def ipv4(argument: str) -> str:
 
 
 def within(kind: type[Number], least: float, most: float) -> Callable[[str], Number]:
-    """Make the type of an argument: a number of this kind in this range."""
+    """Create the type of an argument: a number of this kind in this range."""
 
     def read(argument: str) -> Number:
         try:

@@ -49,7 +49,7 @@ def _is_local(host: str) -> bool:
 
 
 def _socket_for(client: tuple[str, int], address: tuple[str, int]) -> socket.socket:
-    """Make the socket from which packets are sent.
+    """Create the socket from which packets are sent.
 
     A client that knows the controller's address accepts packets only from that address, and only with its own
     port number. So port 0 means the client's port number. If the client may have the simulator's address, it

@@ -373,7 +373,7 @@ class UrBackend:
 
     @staticmethod
     def contract_rig(settings: Settings, limits: JointLimits) -> ContractRig:
-        """Make a rig with the backend and a simulated controller in one process."""
+        """Create a rig with the backend and a simulated controller in one process."""
         from rtloop.backends.ur.simulator.lockstep import UrRig
 
         return UrRig(settings, limits)

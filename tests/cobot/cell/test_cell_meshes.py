@@ -153,7 +153,10 @@ def test_rest_has_the_triangles_on_request(tmp_path: Path) -> None:
             {"file": "bowl.stl", "tolerance_m": 0.002},
             "would fit; set tolerance_m, or hull: true",
         ),
-        ({"size_m": [0.1, 0.1, 0.1]}, "size_m: a mesh has the size of its file: use scale"),
+        (
+            {"size_m": [0.1, 0.1, 0.1]},
+            "size_m: is not allowed for a mesh, whose size comes from its file; use scale",
+        ),
         ({"shape": "box"}, "parts.part: file: a box must not have a file; did you mean shape: mesh?"),
     ],
 )

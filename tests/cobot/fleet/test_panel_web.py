@@ -146,7 +146,7 @@ def test_a_browser_that_takes_no_answer_or_sends_no_body_does_not_hold_its_place
     assert slow.status == 200
     assert not any(each.get("more_body") is False for each in slow.sent), "it is seen to be incomplete"
     assert link.closed == [STREAM]
-    assert (silent.status, "is not complete; send it again" in silent.answer["detail"]) == (422, True)
+    assert (silent.status, "have arrived within" in silent.answer["detail"]) == (422, True)
     assert link.panel.requests == 0
 
 

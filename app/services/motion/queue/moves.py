@@ -73,7 +73,7 @@ def queue_request(
     inner_radii_m: Sequence[float] = (),
     job: Job | None = None,
 ) -> QueueRequest:
-    """Make the request to queue one move through several consecutive goals.
+    """Create the request to queue one move through several consecutive goals.
 
     Args:
         plan: function that returns the request to the planner for a goal and a start, shape (dof,), rad.
@@ -154,7 +154,7 @@ class QueuedMove:
 
 
 def passed(move: QueuedMove) -> QueuedMove:
-    """Make a replacement for a move whose end the arm has passed. It has no path, and its remaining actions
+    """Create a replacement for a move whose end the arm has passed. It has no path, and its remaining actions
     fire at the arm's position.
     """
     move.signals.make_due()

@@ -24,7 +24,7 @@ WORDS = {LimitRate.VELOCITY: "velocity", LimitRate.ACCELERATION: "acceleration",
 
 
 def table_of(limits: JointLimits, per_unit: Array, share: float, max_speed: int) -> LimitsTable:
-    """Make a limits table. At full payload and maximum speed, its limits are `share` times the arm's
+    """Create a limits table. At full payload and maximum speed, its limits are `share` times the arm's
     limits.
     """
     table = LimitsTable(limits.dof)

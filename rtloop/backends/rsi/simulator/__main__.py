@@ -73,8 +73,8 @@ def _server(chosen: argparse.Namespace) -> UdpServer[RsiController]:
 
 
 def _options_without_backend() -> dict[str, object]:
-    """Make options for an arm whose settings name a different backend. Corrections are practically unlimited,
-    so that only the arm's own limits apply.
+    """Create options for an arm whose settings name a different backend. Corrections are practically
+    unlimited, so that only the arm's own limits apply.
     """
     return {"max_correction": 360.0}
 

@@ -31,7 +31,7 @@ OUTPUTS = {"gripper": 1, "lamp": 2}
 def controller_for(
     settings: Settings, limits: JointLimits, options: ControllerOptions, start: Array
 ) -> RsiController:
-    """Make a simulated controller that matches the backend's options."""
+    """Create a simulated controller that matches the backend's options."""
     own = settings.backend_options(RsiOptions) or RsiOptions()
     arm = ControllerArm(settings, limits, start)
     return RsiController(arm, layout_of(own, limits), np.array(own.limits_of(limits)), options)

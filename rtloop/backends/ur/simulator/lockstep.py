@@ -250,7 +250,7 @@ class _Later:
 
 
 def joined(settings: Settings, limits: JointLimits, options: UrControllerOptions | None = None) -> UrLockStep:
-    """Make a controller with the arm in the settings, and a connection to it."""
+    """Create a controller with the arm in the settings, and a connection to it."""
     names = settings.robot
     start = load_named_positions(names.srdf, limits.names, names.group)[names.start_position].joints
     arm = ControllerArm(settings, limits, np.array(start))

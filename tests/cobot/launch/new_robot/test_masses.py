@@ -136,7 +136,10 @@ def test_density_and_masses_are_options(tmp_path: Path, capsys: pytest.CaptureFi
     [
         (Wishes(density=0.0), "--density is 0 kg/m³, allowed: 1 to 30000 kg/m³"),
         (Wishes(density=math.nan), "--density is nan"),
-        (Wishes(masses={"hand": 1.0}), "--mass: has no link 'hand'; valid names: .*base_link, link0"),
+        (
+            Wishes(masses={"hand": 1.0}),
+            "--mass: the robot has no link 'hand'; valid names: .*base_link, link0",
+        ),
         (Wishes(masses={"link1": -1.0}), "--mass of link1 is -1 kg, allowed: above 0"),
         (Wishes(masses={"link1": math.inf}), "--mass of link1 is inf kg"),
     ],

@@ -142,7 +142,7 @@ def test_several_arms_are_listed_and_each_option_listed_takes_one(tmp_path: Path
     with pytest.raises(ConfigError) as refused:
         made_of(tmp_path / "arm.urdf", text)
     said = str(refused.value)
-    assert "has 2 chains of joints; choose one by its end" in said
+    assert "has 2 chains of joints. Choose one by its end" in said
     for side, other in (("left", "right"), ("right", "left")):
         joints = ("t0", "t1", *(f"{side}_{index}" for index in range(5)))
         assert f"--tcp {side}_tool0 (from base_link, 7 joints: {', '.join(joints)})" in said
