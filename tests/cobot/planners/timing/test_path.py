@@ -62,8 +62,8 @@ def test_the_path_of_a_motion_is_where_the_motion_was(robot: RobotDescription) -
         ([0.0, 1.0], np.zeros((1, 7, 4)), r"coefficients \(n, dof, 6\)"),
         ([0.0, 1.0, 2.0], np.zeros((1, 7, 6)), r"breakpoints \(n\+1,\)"),
         ([0.0, np.nan], np.zeros((1, 7, 6)), "must be finite"),
-        ([0.1, 1.0], np.zeros((1, 7, 6)), "start at 0 and increase"),
-        ([0.0, 0.0], np.zeros((1, 7, 6)), "start at 0 and increase"),
+        ([0.1, 1.0], np.zeros((1, 7, 6)), "start at 0 and be strictly increasing"),
+        ([0.0, 0.0], np.zeros((1, 7, 6)), "start at 0 and be strictly increasing"),
     ],
 )
 def test_what_is_no_path_is_refused(breakpoints: list[float], coefficients: np.ndarray, message: str) -> None:
