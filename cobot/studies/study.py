@@ -12,7 +12,7 @@ from cobot.strict import StrictModel
 from cobot.studies.chunks import Columns
 
 Kernel = Callable[[int, int], Columns]
-"""Function that computes the results of the tasks from the first number up to the second (excluded).
+"""Function that computes the results of the tasks from the first number up to the second (exclusive).
 
 A worker keeps the function, so it may hold models. It must be pure: the same tasks always give the same
 results.
@@ -21,7 +21,7 @@ MAX_TASKS = 100_000_000
 
 
 class Round(NamedTuple):
-    """Tasks that can be computed in any order: from `first` up to `last` (excluded).
+    """Tasks that can be computed in any order: from `first` up to `last` (exclusive).
 
     Attributes:
         points: parameters of each task, if they depend on the results of earlier rounds.

@@ -46,7 +46,7 @@ class GripperGoal:
 
 @dataclass(slots=True)
 class DriverState:
-    """The data received from the ROS 2 driver. One thread receives them, another one begins goals.
+    """The data received from the ROS 2 driver. One thread receives it, and another one starts goals.
 
     Attributes:
         ready: whether the server of the action is available.

@@ -144,7 +144,7 @@ def efforts(robot: RobotModel, guessed: list[str]) -> Array:
 
 
 def write_limits(limits: JointLimits, file: Path) -> None:
-    """The SRDF in the form that cobot and MoveIt read."""
+    """Write the limits to a YAML file in the form that cobot and MoveIt read."""
     entries = {}
     for index, name in enumerate(limits.names):
         low, high = float(limits.min_position[index]), float(limits.max_position[index])

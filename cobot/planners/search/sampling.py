@@ -103,9 +103,9 @@ def _search(
     attempts: int = 0,
     share: float = 1.0,
 ) -> Array | None:
-    """The corners of a polyline that keeps the given distance; None if none is found. RRTConnect gives up
-    after a number of attempts, the other algorithms after a share of the request's time. All of them observe
-    the request's timeout.
+    """The corners of a polyline that keeps the given distance from obstacles; None if none is found.
+    RRTConnect gives up after a number of attempts, the other algorithms after a share of the request's time.
+    All of them observe the request's timeout.
     """
     end_s = time.monotonic() + request.timeout_s
     with robot.collision.keeping(distance_m) as clearance:

@@ -9,7 +9,7 @@ from cobot.findings import Finding
 
 
 def fastest_profile(problem: ruckig.InputParameter) -> ruckig.Trajectory:
-    """Solve a problem of Ruckig.
+    """Solve a Ruckig problem.
 
     Raises:
         PlanningError: Ruckig finds no profile, for example because limits are almost 0.

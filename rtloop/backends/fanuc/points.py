@@ -151,5 +151,5 @@ class Points:
 
     @property
     def data(self) -> bytes:
-        """Return the bytes of the outputs for a command."""
+        """Return the output bytes to send with a command."""
         return bytes(self._bytes)

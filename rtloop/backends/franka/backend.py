@@ -150,7 +150,7 @@ class FrankaBackend:
                 self._link.control.writeOnce(self._franka.Torques(torques.tolist()))
 
     def disable(self) -> None:
-        """End the control. The robot's own controller then holds the arm; the brakes are closed in Desk."""
+        """Release control. The robot's own controller then holds the arm. Use Desk to engage the brakes."""
         if self._link.control is not None:
             with contextlib.suppress(BackendError), self._link.in_words():
                 self._end()
