@@ -149,7 +149,7 @@ def fleet(hub: Hub, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixtu
 
 def test_the_hub_and_a_foreign_client_see_the_state_and_the_events(hub: Hub, cell: Run, foreign: Any) -> None:
     (state,) = answers_of(foreign, f"cobot/{FLEET}/one/*/state")
-    shown = until(lambda: hub.robot("one")["speed_override"] == 1.0 and hub.robot("one"))
+    shown = until(lambda: (found := hub.robot("one"))["speed_override"] == 1.0 and found["backend"] and found)
     assert (state["cell"], state["robot"], state["mode"]) == ("one", cell.name, "HOLD")
     assert (shown["state"], shown["robot"], shown["backend"]) == ("ready", cell.name, "mujoco")
     assert shown["panel"] == cell.url
