@@ -2,7 +2,7 @@
 import { allow } from "./able.js";
 import { oneAtATime } from "./once.js";
 import { reasonOf, whyOfEnd } from "./reasons.js";
-import { inEachLanguage, speak, timeOfDay, word } from "./words.js";
+import { dayAndTime, inEachLanguage, speak, word } from "./words.js";
 
 const EVERY_MS = 500; // while it runs: progress is no event
 const STATES = {
@@ -128,7 +128,7 @@ export class Job {
     for (const id of ["pause", "end"]) allow(element(id), idle);
     allow(element("step"), idle || (WITH_STEPS.includes(kind) ? "" : "why_no_steps"));
     element("progress").value = going || state === "finished" ? progress : 0;
-    write("job", this.job ? word(ended ? "job_over" : "job_of", { state: word(STATES[state]), owner, time: ended && timeOfDay(ended) }) : word("job_none"));
+    write("job", this.job ? word(ended ? "job_over" : "job_of", { state: word(STATES[state]), owner, time: ended && dayAndTime(ended) }) : word("job_none"));
     write("job-error", whyOfEnd(state, error));
     write("job-next", word(nextAfter(state, kind), {}, ""));
     element("job-error").title = error?.detail ?? "";

@@ -30,6 +30,13 @@ export function timeOfDay(time) {
   return new Date(time).toLocaleTimeString(language, { hourCycle: "h23" });
 }
 
+// The time of day; for another day than today with the date.
+export function dayAndTime(time) {
+  const date = new Date(time);
+  const isToday = date.toDateString() === new Date().toDateString();
+  return isToday ? timeOfDay(time) : `${date.toLocaleDateString(language)} ${timeOfDay(time)}`;
+}
+
 // Called now and whenever another language is chosen.
 export function inEachLanguage(write) {
   listeners.add(write);

@@ -286,6 +286,13 @@ def test_a_message_names_joints_as_the_fields_do(panel: Panel) -> None:
     assert said == f"{label} is at its limit"
 
 
+def test_the_end_of_a_motion_on_another_day_has_its_date(panel: Panel) -> None:
+    call = "import('/panel/words.js').then((all) => all.dayAndTime({}))"
+    assert "2020" in panel.page.run(call.format("'2020-03-04T05:06:07Z'"))
+    assert panel.page.run(call.format("new Date().toISOString()")).count(":") == 2
+    assert len(panel.page.run(call.format("new Date().toISOString()"))) == len("05:06:07")
+
+
 def test_a_long_text_under_the_picture_is_shown_whole_and_moves_nothing(panel: Panel) -> None:
     def say(text: str) -> None:
         panel.page.run(f"cobotPanel.motions.say(() => {json.dumps(text)})")
